@@ -1,0 +1,114 @@
+"""What the registry refuses.
+
+::
+
+    RegistryError
+    ├── NotFound            there is no such thing; names its kind and itself
+    ├── AlreadyExists       the name is taken
+    ├── PreconditionFailed  it was changed since the caller looked (If-Match)
+    ├── InvalidName         no name for a thing of this kind
+    ├── InvalidPageToken    a page token that this listing did not give out
+    ├── KeyReused           an idempotency key that came with another request before
+    ├── OutOfOrder          frames or events that do not go on where a session's durable ones end
+    ├── InvalidUrl          a database or store that Gesta cannot open
+    ├── ArtifactMissing     nothing in the store has this digest
+    ├── ArtifactAltered     what the store holds is not what was put there
+    └── ArtifactInvalid     bytes that are no artifact; names the field
+"""
+
+from __future__ import annotations
+
+
+class RegistryError(Exception):
+    """Root of everything that the registry refuses."""
+
+
+class NotFound(RegistryError):
+    """There is no such thing. ``kind`` is a word of the glossary, such as ``version``."""
+
+    def __init__(self, kind: str, name: str) -> None:
+        self.kind = kind
+        self.name = name
+        super().__init__(f"no {kind} {name!r}")
+
+
+class AlreadyExists(RegistryError):
+    """The name is taken by another thing of its kind."""
+
+    def __init__(self, kind: str, name: str) -> None:
+        self.kind = kind
+        self.name = name
+        super().__init__(f"there is a {kind} {name!r} already")
+
+
+class PreconditionFailed(RegistryError):
+    """The thing was changed since the caller looked at it."""
+
+    def __init__(self, kind: str, name: str) -> None:
+        self.kind = kind
+        self.name = name
+        super().__init__(f"{kind} {name!r} is no longer what If-Match names")
+
+
+class InvalidName(RegistryError):
+    """No name for a thing of this kind."""
+
+    def __init__(self, kind: str, name: str, detail: str) -> None:
+        self.kind = kind
+        self.name = name
+        super().__init__(f"{name!r} cannot name a {kind}: {detail}")
+
+
+class InvalidPageToken(RegistryError):
+    """A page token that this listing did not give out."""
+
+    def __init__(self) -> None:
+        super().__init__("the page token is not one that this listing gave out")
+
+
+class KeyReused(RegistryError):
+    """An idempotency key that came with another request before."""
+
+    def __init__(self, key: str) -> None:
+        self.key = key
+        super().__init__(f"idempotency key {key!r} came with another request before")
+
+
+class OutOfOrder(RegistryError):
+    """Frames or events that do not go on where a session's durable ones end; ``what`` says which."""
+
+    def __init__(self, session_id: str, what: str, expected: int, got: int) -> None:
+        self.session_id = session_id
+        self.what = what
+        self.expected = expected
+        self.got = got
+        super().__init__(f"session {session_id}: {what} {got} came where {expected} is next")
+
+
+class InvalidUrl(RegistryError):
+    """A database or a store that Gesta cannot open."""
+
+
+class ArtifactMissing(RegistryError):
+    """Nothing in the store has this digest."""
+
+    def __init__(self, digest: str) -> None:
+        self.digest = digest
+        super().__init__(f"the store does not hold {digest}")
+
+
+class ArtifactAltered(RegistryError):
+    """What the store holds under this digest is not what was put there."""
+
+    def __init__(self, digest: str) -> None:
+        self.digest = digest
+        super().__init__(f"the store's {digest} was altered")
+
+
+class ArtifactInvalid(RegistryError):
+    """Bytes that are no artifact; ``field`` names the place, such as ``actions[0].means``."""
+
+    def __init__(self, field: str, detail: str) -> None:
+        self.field = field
+        self.detail = detail
+        super().__init__(f"{field}: {detail}" if field else detail)

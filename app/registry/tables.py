@@ -1,0 +1,211 @@
+"""The tables. What must always hold is held by the database: keys, references, checks."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Boolean,
+    CheckConstraint,
+    Column,
+    DateTime,
+    Dialect,
+    Double,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Table,
+    Text,
+    TypeDecorator,
+    UniqueConstraint,
+)
+
+
+class Instant(TypeDecorator[datetime]):
+    """An aware time in UTC; SQLite, which knows no time zones, keeps it naive."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """Turn the time to UTC."""
+        return None if value is None else value.astimezone(UTC)
+
+    def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """Return the time in UTC."""
+        if value is None:
+            return None
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+
+def now() -> datetime:
+    """Return the time of this moment in UTC."""
+    return datetime.now(UTC)
+
+
+metadata = MetaData(
+    naming_convention={
+        "pk": "pk_%(table_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_N_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+        "ck": "ck_%(table_name)s_%(constraint_name)s",
+    }
+)
+
+Json = JSON(none_as_null=True)
+Counting = BigInteger().with_variant(Integer, "sqlite")
+"""A key that counts up by itself: rows in order of arrival."""
+
+models = Table(
+    "models",
+    metadata,
+    Column("name", String(100), primary_key=True),
+    Column("objects", Json, nullable=False),
+    Column("table_height_m", Double, nullable=False),
+    Column("description", Text),
+    Column("features", Json, nullable=False),
+    Column("revision", String(32), nullable=False),
+    Column("last_version", Integer, nullable=False, comment="the number given out last; never goes back"),
+    Column("created_at", Instant, nullable=False),
+    Column("updated_at", Instant, nullable=False),
+)
+
+demonstrations = Table(
+    "demonstrations",
+    metadata,
+    Column("position", Counting, primary_key=True, autoincrement=True),
+    Column("id", String(40), nullable=False, unique=True),
+    Column("model", ForeignKey("models.name", ondelete="CASCADE"), nullable=False),
+    Column("action", Text, nullable=False),
+    Column("digest", String(71), nullable=False),
+    Column("n_frames", Integer, nullable=False),
+    Column("duration_s", Double, nullable=False),
+    Column("objects", Json, nullable=False),
+    Column("table_height_m", Double, nullable=False),
+    Column("meta", Json, nullable=False),
+    Column("created_at", Instant, nullable=False),
+    UniqueConstraint("model", "digest"),
+    Index(None, "model", "position"),
+)
+
+versions = Table(
+    "versions",
+    metadata,
+    Column("model", ForeignKey("models.name", ondelete="CASCADE"), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("artifact_digest", String(71), nullable=False),
+    Column("actions", Json, nullable=False),
+    Column("options", Json, nullable=False),
+    Column("seed", BigInteger),
+    Column("demonstrations", Json, nullable=False),
+    Column("base", Integer),
+    Column("library_versions", Json, nullable=False),
+    Column("evaluation", Json),
+    Column("job_id", String(40), unique=True),
+    Column("created_at", Instant, nullable=False),
+    ForeignKeyConstraint(["model", "base"], ["versions.model", "versions.number"]),
+    CheckConstraint("number > 0", name="counts_from_one"),
+    CheckConstraint("base < number", name="base_is_older"),
+)
+
+aliases = Table(
+    "aliases",
+    metadata,
+    Column("model", ForeignKey("models.name", ondelete="CASCADE"), primary_key=True),
+    Column("alias", String(100), primary_key=True),
+    Column("version", Integer, nullable=False),
+    Column("updated_at", Instant, nullable=False),
+    ForeignKeyConstraint(["model", "version"], ["versions.model", "versions.number"]),
+)
+
+alias_changes = Table(
+    "alias_changes",
+    metadata,
+    Column("position", Counting, primary_key=True, autoincrement=True),
+    Column("model", ForeignKey("models.name", ondelete="CASCADE"), nullable=False),
+    Column("alias", String(100), nullable=False),
+    Column("version", Integer),
+    Column("previous", Integer),
+    Column("by", Text),
+    Column("at", Instant, nullable=False),
+    ForeignKeyConstraint(["model", "version"], ["versions.model", "versions.number"]),
+    ForeignKeyConstraint(["model", "previous"], ["versions.model", "versions.number"]),
+    Index(None, "model", "alias", "position"),
+)
+
+jobs = Table(
+    "jobs",
+    metadata,
+    Column("position", Counting, primary_key=True, autoincrement=True),
+    Column("id", String(40), nullable=False, unique=True),
+    Column("kind", Text, nullable=False),
+    Column("model", Text),
+    Column("request", Json, nullable=False),
+    Column("state", String(10), nullable=False),
+    Column("done", BigInteger, nullable=False),
+    Column("total", BigInteger, nullable=False),
+    Column("message", Text, nullable=False),
+    Column("result", Json),
+    Column("error", Json),
+    Column("cancel_requested", Boolean, nullable=False),
+    Column("scope", Text, nullable=False),
+    Column("idempotency_key", Text),
+    Column("created_at", Instant, nullable=False),
+    Column("updated_at", Instant, nullable=False),
+    UniqueConstraint("scope", "idempotency_key"),
+    CheckConstraint("state IN ('queued', 'running', 'succeeded', 'failed', 'cancelled')", name="state"),
+    Index(None, "state", "position"),
+    Index(None, "model", "position"),
+)
+
+sessions = Table(
+    "sessions",
+    metadata,
+    Column("position", Counting, primary_key=True, autoincrement=True),
+    Column("id", String(40), nullable=False, unique=True),
+    Column("name", Text),
+    Column("model", Text, nullable=False),
+    Column("version", Integer, nullable=False),
+    Column("token_hash", Text, nullable=False),
+    Column("state", String(10), nullable=False),
+    Column("geometry", Json, nullable=False),
+    Column("channels", Json, nullable=False),
+    Column("start", Json, nullable=False),
+    Column("n_frames", BigInteger, nullable=False),
+    Column("n_events", BigInteger, nullable=False),
+    Column("n_segments", BigInteger, nullable=False),
+    Column("frames_kept", Boolean, nullable=False),
+    Column("created_at", Instant, nullable=False),
+    Column("last_seen_at", Instant, nullable=False),
+    CheckConstraint("state IN ('active', 'ended', 'expired')", name="state"),
+    Index(None, "state", "position"),
+    Index(None, "name", "position"),
+)
+
+session_frames = Table(
+    "session_frames",
+    metadata,
+    Column("session_id", ForeignKey("sessions.id", ondelete="CASCADE"), primary_key=True),
+    Column("first_seq", BigInteger, primary_key=True, autoincrement=False),
+    Column("n_frames", Integer, nullable=False),
+    Column("rows", LargeBinary, nullable=False),
+    CheckConstraint("n_frames > 0", name="not_empty"),
+)
+
+session_events = Table(
+    "session_events",
+    metadata,
+    Column("session_id", ForeignKey("sessions.id", ondelete="CASCADE"), primary_key=True),
+    Column("event", BigInteger, primary_key=True, autoincrement=False),
+    Column("type", String(20), nullable=False),
+    Column("text", Text, nullable=False),
+    Column("segment", BigInteger, comment="number of the segment, for events that are one"),
+    UniqueConstraint("session_id", "segment"),
+)
