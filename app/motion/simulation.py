@@ -129,7 +129,7 @@ def recording(seed: int, n_actions: int = 3, conditions: Conditions = Conditions
 
 
 def further_styles(seed: int, n_classes: int) -> dict[str, Style]:
-    """Return styles of so many further classes, ``action_5`` and on: arch, bow and via point drawn by seed."""
+    """Return the styles of further classes, ``action_5`` and on: arch, bow and via point drawn by seed."""
     rng = np.random.default_rng(seed)
     styles = {}
     for index in range(n_classes):
@@ -179,7 +179,7 @@ def _movement(rng: np.random.Generator, style: Style, start: Floats, goal: Float
     offset = hump[:, None] * (np.array([0.0, bow, arch]) + np.array(style.via) * hump[:, None])
     for mode in range(1, MODES + 1):
         size = rng.normal(0.0, MODE_SIZE / mode, 3) * sweep * np.array([1.0, 1.0, style.lift])
-        offset += np.sin(np.pi * mode * time)[:, None] * size
+        offset += np.sin(np.pi * mode * fraction)[:, None] * size
     path: Floats = start + fraction[:, None] * (goal - start) + offset @ axes
     return path
 
@@ -212,5 +212,4 @@ def _place(rng: np.random.Generator) -> Floats:
 
 def _grip_above(distance: float, angle: float) -> Floats:
     """Return where the hand holds an object that stands on the table there [m]."""
-    point: Floats = GRIP + [distance * np.sin(angle), distance * np.cos(angle), 0.0]
-    return point
+    return GRIP + distance * np.array([np.sin(angle), np.cos(angle), 0.0])
