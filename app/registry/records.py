@@ -11,7 +11,7 @@ Json = dict[str, Any]
 JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 SessionState = Literal["active", "ended", "expired"]
 
-Record = TypeVar("Record", covariant=True)
+Record = TypeVar("Record")
 
 
 @dataclass(frozen=True)
