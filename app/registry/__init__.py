@@ -1,1 +1,1 @@
-"""The durable truth: models, demonstrations, versions, aliases, jobs, sessions, and the store of artifacts."""
+"""The durable truth: models, demonstrations, versions, aliases, jobs, sessions, stored artifacts."""

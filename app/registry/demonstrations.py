@@ -9,15 +9,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 from uuid import uuid4
 
-from sqlalchemy import Row, delete as delete_from, func, insert, select
+import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.motion.trajectory import Demonstration
-from app.registry import models
+from app.registry import models, tables
 from app.registry.errors import NotFound
 from app.registry.paging import page_of
 from app.registry.records import Added, DemonstrationRecord, NewDemonstration, Page
-from app.registry.tables import demonstrations as table, now
+
+table = tables.demonstrations
 
 
 def describe(
@@ -49,7 +50,7 @@ def add(tx: Session, model: str, items: Sequence[NewDemonstration]) -> Added:
         ids[item.digest] = id_ = uuid4().hex
         created[id_] = item
     if created:
-        tx.execute(insert(table), [_row(id_, model, item) for id_, item in created.items()])
+        tx.execute(sa.insert(table), [_row(id_, model, item) for id_, item in created.items()])
     return Added(tuple(created), tuple(id_ for id_ in duplicates if id_ not in created))
 
 
@@ -61,7 +62,7 @@ def get(tx: Session, model: str, id_: str) -> DemonstrationRecord:
 def load(tx: Session, model: str, ids: Sequence[str] | None = None) -> tuple[DemonstrationRecord, ...]:
     """Return the named demonstrations as named, or all in order of arrival. Raises NotFound."""
     models.get(tx, model)
-    query = select(table).where(table.c.model == model).order_by(table.c.position)
+    query = sa.select(table).where(table.c.model == model).order_by(table.c.position)
     if ids is not None:
         query = query.where(table.c.id.in_(ids))
     found = {row.id: _record(row) for row in tx.execute(query)}
@@ -76,7 +77,7 @@ def page(
 ) -> Page[DemonstrationRecord]:
     """List demonstrations in order of arrival. Raises NotFound, InvalidPageToken."""
     models.get(tx, model)
-    query = select(table).where(table.c.model == model)
+    query = sa.select(table).where(table.c.model == model)
     if action is not None:
         query = query.where(table.c.action == action)
     return page_of(tx, query, table.c.position, _record, size=size, after=after)
@@ -85,19 +86,19 @@ def page(
 def counts(tx: Session, model: str) -> dict[str, int]:
     """Return the number of demonstrations of each action class, by name. Raises NotFound."""
     models.get(tx, model)
-    query = select(table.c.action, func.count()).where(table.c.model == model).group_by(table.c.action)
+    query = sa.select(table.c.action, sa.func.count()).where(table.c.model == model).group_by(table.c.action)
     return dict(sorted((action, number) for action, number in tx.execute(query)))
 
 
 def delete(tx: Session, model: str, id_: str) -> None:
     """Delete a demonstration; its payload stays for the versions that were made of it. Raises NotFound."""
     get(tx, model, id_)
-    tx.execute(delete_from(table).where(table.c.model == model, table.c.id == id_))
+    tx.execute(sa.delete(table).where(table.c.model == model, table.c.id == id_))
 
 
 def _ids_by_digest(tx: Session, model: str) -> dict[str, str]:
-    query = select(table.c.digest, table.c.id).where(table.c.model == model)
-    return {digest: id_ for digest, id_ in tx.execute(query)}
+    query = sa.select(table.c.digest, table.c.id).where(table.c.model == model)
+    return {row.digest: row.id for row in tx.execute(query)}
 
 
 def _row(id_: str, model: str, item: NewDemonstration) -> dict[str, Any]:
@@ -111,11 +112,11 @@ def _row(id_: str, model: str, item: NewDemonstration) -> dict[str, Any]:
         "objects": list(item.objects),
         "table_height_m": item.table_height_m,
         "meta": dict(item.meta),
-        "created_at": now(),
+        "created_at": tables.now(),
     }
 
 
-def _record(row: Row[Any]) -> DemonstrationRecord:
+def _record(row: sa.Row[Any]) -> DemonstrationRecord:
     return DemonstrationRecord(
         id=row.id,
         model=row.model,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypedDict
 from uuid import uuid4
 
-from sqlalchemy import Row, delete as delete_from, insert, select, update as update_in
+import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -59,7 +59,7 @@ def create(
     }
     try:
         with tx.begin_nested():
-            tx.execute(insert(models).values(row))
+            tx.execute(sa.insert(models).values(row))
     except IntegrityError:
         raise AlreadyExists("model", name) from None
     return get(tx, name)
@@ -72,14 +72,14 @@ def get(tx: Session, name: str) -> ModelRecord:
 
 def page(tx: Session, *, size: int, after: str | None = None) -> Page[ModelRecord]:
     """List the models by name. Raises InvalidPageToken."""
-    return page_of(tx, select(models), models.c.name, _record, size=size, after=after)
+    return page_of(tx, sa.select(models), models.c.name, _record, size=size, after=after)
 
 
 def update(tx: Session, name: str, changes: Changes, *, if_match: str | None = None) -> ModelRecord:
     """Change a model if it is still what ``if_match`` names. Raises NotFound, PreconditionFailed."""
     _check_match(lock(tx, name), if_match)
     fresh = {"revision": uuid4().hex, "updated_at": now()}
-    tx.execute(update_in(models).where(models.c.name == name).values(**changes, **fresh))
+    tx.execute(sa.update(models).where(models.c.name == name).values(**changes, **fresh))
     return get(tx, name)
 
 
@@ -89,7 +89,7 @@ def delete(tx: Session, name: str, *, if_match: str | None = None) -> None:
     Jobs and sessions stay: they tell what was done. Raises NotFound, PreconditionFailed.
     """
     _check_match(lock(tx, name), if_match)
-    tx.execute(delete_from(models).where(models.c.name == name))
+    tx.execute(sa.delete(models).where(models.c.name == name))
 
 
 def lock(tx: Session, name: str) -> ModelRecord:
@@ -97,8 +97,8 @@ def lock(tx: Session, name: str) -> ModelRecord:
     return _record(_row(tx, name, for_update=True))
 
 
-def _row(tx: Session, name: str, *, for_update: bool = False) -> Row[Any]:
-    query = select(models).where(models.c.name == name)
+def _row(tx: Session, name: str, *, for_update: bool = False) -> sa.Row[Any]:
+    query = sa.select(models).where(models.c.name == name)
     row = tx.execute(query.with_for_update() if for_update else query).one_or_none()
     if row is None:
         raise NotFound("model", name)
@@ -113,7 +113,7 @@ def _check_match(model: ModelRecord, if_match: str | None) -> None:
         raise PreconditionFailed("model", model.name)
 
 
-def _record(row: Row[Any]) -> ModelRecord:
+def _record(row: sa.Row[Any]) -> ModelRecord:
     return ModelRecord(
         name=row.name,
         objects=tuple(row.objects),
