@@ -32,7 +32,8 @@ def put(tx: Session, model: str, alias: str, version: int, *, by: str | None = N
         tx.execute(
             sa.update(table).where(*_named(model, alias)).values(version=version, updated_at=tables.now())
         )
-    _note(tx, model, alias, version, None if current is None else current.version, by)
+    previous = None if current is None else current.version
+    _note(tx, model, alias, version=version, previous=previous, by=by)
     return get(tx, model, alias)
 
 
@@ -57,7 +58,7 @@ def delete(tx: Session, model: str, alias: str, *, by: str | None = None) -> Non
     models.lock(tx, model)
     former = get(tx, model, alias)
     tx.execute(sa.delete(table).where(*_named(model, alias)))
-    _note(tx, model, alias, None, former.version, by)
+    _note(tx, model, alias, version=None, previous=former.version, by=by)
 
 
 def history(tx: Session, model: str, alias: str, *, size: int, after: str | None = None) -> Page[AliasChange]:
@@ -86,7 +87,7 @@ def _find(tx: Session, model: str, alias: str) -> AliasRecord | None:
 
 
 def _note(
-    tx: Session, model: str, alias: str, version: int | None, previous: int | None, by: str | None
+    tx: Session, model: str, alias: str, *, version: int | None, previous: int | None, by: str | None
 ) -> None:
     row = {"model": model, "alias": alias, "version": version, "previous": previous, "by": by}
     tx.execute(sa.insert(changes).values(**row, at=tables.now()))

@@ -32,7 +32,7 @@ MIGRATION_LOCK = 0x6765737461
 """Key of the PostgreSQL advisory lock under which one process at a time migrates."""
 
 _migrating = threading.Lock()
-_as_json = partial(json.dumps, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+_as_json = partial(json.dumps, allow_nan=False, separators=(",", ":"))
 
 
 class Database:

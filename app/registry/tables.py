@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime
 
 from sqlalchemy import (
@@ -19,12 +20,13 @@ from sqlalchemy import (
     Integer,
     LargeBinary,
     MetaData,
-    String,
     Table,
     Text,
     TypeDecorator,
     UniqueConstraint,
 )
+
+_UNHELD = re.compile("[\0\ud800-\udfff]")
 
 
 class Instant(TypeDecorator[datetime]):
@@ -42,6 +44,17 @@ class Instant(TypeDecorator[datetime]):
         if value is None:
             return None
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+
+class Words(TypeDecorator[str]):
+    """Text that every database can hold: NUL and lone surrogates become the replacement character."""
+
+    impl = Text
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, _dialect: Dialect) -> str | None:
+        """Replace what cannot be held."""
+        return None if value is None else _UNHELD.sub("\ufffd", value)
 
 
 def now() -> datetime:
@@ -66,12 +79,12 @@ Counting = BigInteger().with_variant(Integer, "sqlite")
 models = Table(
     "models",
     metadata,
-    Column("name", String(100), primary_key=True),
+    Column("name", Words, primary_key=True),
     Column("objects", Json, nullable=False),
     Column("table_height_m", Double, nullable=False),
-    Column("description", Text),
+    Column("description", Words),
     Column("features", Json, nullable=False),
-    Column("revision", String(32), nullable=False),
+    Column("revision", Words, nullable=False),
     Column("last_version", Integer, nullable=False, comment="the number given out last; never goes back"),
     Column("created_at", Instant, nullable=False),
     Column("updated_at", Instant, nullable=False),
@@ -81,10 +94,10 @@ demonstrations = Table(
     "demonstrations",
     metadata,
     Column("position", Counting, primary_key=True, autoincrement=True),
-    Column("id", String(40), nullable=False, unique=True),
+    Column("id", Words, nullable=False, unique=True),
     Column("model", ForeignKey("models.name", ondelete="CASCADE"), nullable=False),
-    Column("action", Text, nullable=False),
-    Column("digest", String(71), nullable=False),
+    Column("action", Words, nullable=False),
+    Column("digest", Words, nullable=False),
     Column("n_frames", Integer, nullable=False),
     Column("duration_s", Double, nullable=False),
     Column("objects", Json, nullable=False),
@@ -100,7 +113,7 @@ versions = Table(
     metadata,
     Column("model", ForeignKey("models.name", ondelete="CASCADE"), primary_key=True),
     Column("number", Integer, primary_key=True, autoincrement=False),
-    Column("artifact_digest", String(71), nullable=False),
+    Column("artifact_digest", Words, nullable=False),
     Column("actions", Json, nullable=False),
     Column("options", Json, nullable=False),
     Column("seed", BigInteger),
@@ -108,7 +121,7 @@ versions = Table(
     Column("base", Integer),
     Column("library_versions", Json, nullable=False),
     Column("evaluation", Json),
-    Column("job_id", String(40), unique=True),
+    Column("job_id", Words, unique=True),
     Column("created_at", Instant, nullable=False),
     ForeignKeyConstraint(["model", "base"], ["versions.model", "versions.number"]),
     CheckConstraint("number > 0", name="counts_from_one"),
@@ -119,7 +132,7 @@ aliases = Table(
     "aliases",
     metadata,
     Column("model", ForeignKey("models.name", ondelete="CASCADE"), primary_key=True),
-    Column("alias", String(100), primary_key=True),
+    Column("alias", Words, primary_key=True),
     Column("version", Integer, nullable=False),
     Column("updated_at", Instant, nullable=False),
     ForeignKeyConstraint(["model", "version"], ["versions.model", "versions.number"]),
@@ -130,10 +143,10 @@ alias_changes = Table(
     metadata,
     Column("position", Counting, primary_key=True, autoincrement=True),
     Column("model", ForeignKey("models.name", ondelete="CASCADE"), nullable=False),
-    Column("alias", String(100), nullable=False),
+    Column("alias", Words, nullable=False),
     Column("version", Integer),
     Column("previous", Integer),
-    Column("by", Text),
+    Column("by", Words),
     Column("at", Instant, nullable=False),
     ForeignKeyConstraint(["model", "version"], ["versions.model", "versions.number"]),
     ForeignKeyConstraint(["model", "previous"], ["versions.model", "versions.number"]),
@@ -144,19 +157,19 @@ jobs = Table(
     "jobs",
     metadata,
     Column("position", Counting, primary_key=True, autoincrement=True),
-    Column("id", String(40), nullable=False, unique=True),
-    Column("kind", Text, nullable=False),
-    Column("model", Text),
+    Column("id", Words, nullable=False, unique=True),
+    Column("kind", Words, nullable=False),
+    Column("model", Words),
     Column("request", Json, nullable=False),
-    Column("state", String(10), nullable=False),
+    Column("state", Words, nullable=False),
     Column("done", BigInteger, nullable=False),
     Column("total", BigInteger, nullable=False),
-    Column("message", Text, nullable=False),
+    Column("message", Words, nullable=False),
     Column("result", Json),
     Column("error", Json),
     Column("cancel_requested", Boolean, nullable=False),
-    Column("scope", Text, nullable=False),
-    Column("idempotency_key", Text),
+    Column("scope", Words, nullable=False),
+    Column("idempotency_key", Words),
     Column("created_at", Instant, nullable=False),
     Column("updated_at", Instant, nullable=False),
     UniqueConstraint("scope", "idempotency_key"),
@@ -169,12 +182,12 @@ sessions = Table(
     "sessions",
     metadata,
     Column("position", Counting, primary_key=True, autoincrement=True),
-    Column("id", String(40), nullable=False, unique=True),
-    Column("name", Text),
-    Column("model", Text, nullable=False),
+    Column("id", Words, nullable=False, unique=True),
+    Column("name", Words),
+    Column("model", Words, nullable=False),
     Column("version", Integer, nullable=False),
-    Column("token_hash", Text, nullable=False),
-    Column("state", String(10), nullable=False),
+    Column("token_hash", Words, nullable=False),
+    Column("state", Words, nullable=False),
     Column("geometry", Json, nullable=False),
     Column("channels", Json, nullable=False),
     Column("start", Json, nullable=False),
@@ -204,8 +217,8 @@ session_events = Table(
     metadata,
     Column("session_id", ForeignKey("sessions.id", ondelete="CASCADE"), primary_key=True),
     Column("event", BigInteger, primary_key=True, autoincrement=False),
-    Column("type", String(20), nullable=False),
-    Column("text", Text, nullable=False),
+    Column("type", Words, nullable=False),
+    Column("text", Words, nullable=False),
     Column("segment", BigInteger, comment="number of the segment, for events that are one"),
     UniqueConstraint("session_id", "segment"),
 )

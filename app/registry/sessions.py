@@ -1,0 +1,210 @@
+"""Sessions: what each took in and decided, so far as it is durable.
+
+A session's frames and events only ever go on where they end; both counts stand in its row and change in
+the transaction that adds to them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.registry import tables
+from app.registry.errors import NotFound, OutOfOrder
+from app.registry.paging import page_of
+from app.registry.records import Chunk, Page, SessionRecord, SessionState, StoredEvent
+
+table = tables.sessions
+frames_table = tables.session_frames
+events_table = tables.session_events
+
+
+def create(
+    tx: Session,
+    *,
+    id_: str,
+    model: str,
+    version: int,
+    token_hash: str,
+    geometry: Mapping[str, Any],
+    channels: Sequence[str],
+    name: str | None = None,
+    start: Mapping[str, Any] | None = None,
+) -> SessionRecord:
+    """Create an active session; token_hash: of its resume token, start: what its client asked for."""
+    row = {
+        "id": id_,
+        "name": name,
+        "model": model,
+        "version": version,
+        "token_hash": token_hash,
+        "state": "active",
+        "geometry": dict(geometry),
+        "channels": list(channels),
+        "start": dict(start or {}),
+        "n_frames": 0,
+        "n_events": 0,
+        "n_segments": 0,
+        "frames_kept": True,
+        "created_at": (at := tables.now()),
+        "last_seen_at": at,
+    }
+    tx.execute(sa.insert(table).values(row))
+    return get(tx, id_)
+
+
+def get(tx: Session, id_: str) -> SessionRecord:
+    """Return a session. Raises NotFound."""
+    return _record(_row(tx, id_))
+
+
+def page(
+    tx: Session,
+    *,
+    size: int,
+    after: str | None = None,
+    state: SessionState | None = None,
+    name: str | None = None,
+) -> Page[SessionRecord]:
+    """List sessions, newest first. Raises InvalidPageToken."""
+    query = sa.select(table)
+    if state is not None:
+        query = query.where(table.c.state == state)
+    if name is not None:
+        query = query.where(table.c.name == name)
+    return page_of(tx, query, table.c.position, _record, size=size, after=after, newest_first=True)
+
+
+def append(
+    tx: Session,
+    id_: str,
+    *,
+    first_seq: int,
+    rows: bytes = b"",
+    events: Sequence[StoredEvent] = (),
+    ended: bool = False,
+) -> SessionRecord:
+    """Add frames from ``first_seq`` on and events; ``ended``: they are the last.
+
+    rows: little-endian float64, one value per channel. Raises NotFound, OutOfOrder if they do not go on
+    where the session's frames and events end.
+    """
+    session = _record(_row(tx, id_, for_update=True))
+    n_frames = _append_frames(tx, session, first_seq, rows) if rows else 0
+    n_segments = _append_events(tx, session, events) if events else 0
+    counts = {
+        "n_frames": session.n_frames + n_frames,
+        "n_events": session.n_events + len(events),
+        "n_segments": session.n_segments + n_segments,
+        "state": "ended" if ended else session.state,
+        "last_seen_at": tables.now(),
+    }
+    tx.execute(sa.update(table).where(table.c.id == id_).values(counts))
+    return get(tx, id_)
+
+
+def end(tx: Session, id_: str, state: SessionState = "ended") -> SessionRecord:
+    """End an active session, ``expired`` if nobody came back to it; one that has ended stays as it is.
+
+    Raises NotFound.
+    """
+    tx.execute(sa.update(table).where(table.c.id == id_, table.c.state == "active").values(state=state))
+    return get(tx, id_)
+
+
+def events(tx: Session, id_: str, *, after: int = -1, limit: int | None = None) -> tuple[StoredEvent, ...]:
+    """Return the events after number ``after``, at most ``limit``. Raises NotFound."""
+    return _events(tx, id_, events_table.c.event, after, limit)
+
+
+def segments(tx: Session, id_: str, *, after: int = -1, limit: int | None = None) -> tuple[StoredEvent, ...]:
+    """Return the segment events after segment number ``after``, at most ``limit``. Raises NotFound."""
+    return _events(tx, id_, events_table.c.segment, after, limit)
+
+
+def chunks(tx: Session, id_: str) -> tuple[Chunk, ...]:
+    """Return the frames in order, as they were added; none if they are no longer kept. Raises NotFound."""
+    get(tx, id_)
+    query = sa.select(frames_table).where(frames_table.c.session_id == id_).order_by(frames_table.c.first_seq)
+    return tuple(Chunk(row.first_seq, row.n_frames, row.rows) for row in tx.execute(query))
+
+
+def drop_frames(tx: Session, *, last_seen_before: datetime) -> int:
+    """Delete the frames of sessions that are over and were last seen before then; return how many."""
+    over = sa.and_(table.c.state != "active", table.c.frames_kept, table.c.last_seen_at < last_seen_before)
+    ids = tx.scalars(sa.select(table.c.id).where(over)).all()
+    tx.execute(sa.delete(frames_table).where(frames_table.c.session_id.in_(ids)))
+    tx.execute(sa.update(table).where(table.c.id.in_(ids)).values(frames_kept=False))
+    return len(ids)
+
+
+def _append_frames(tx: Session, session: SessionRecord, first_seq: int, rows: bytes) -> int:
+    if first_seq != session.n_frames:
+        raise OutOfOrder(session.id, "frame", session.n_frames, first_seq)
+    n_frames, rest = divmod(len(rows), 8 * len(session.channels))
+    if rest:
+        raise ValueError(f"{len(rows)} bytes are no whole frames of {len(session.channels)} channels")
+    row = {"session_id": session.id, "first_seq": first_seq, "n_frames": n_frames, "rows": rows}
+    tx.execute(sa.insert(frames_table).values(row))
+    return n_frames
+
+
+def _append_events(tx: Session, session: SessionRecord, fresh: Sequence[StoredEvent]) -> int:
+    n_segments, rows = 0, []
+    for number, stored in enumerate(fresh, session.n_events):
+        if stored.event != number:
+            raise OutOfOrder(session.id, "event", number, stored.event)
+        is_segment = stored.type == "segment"
+        rows.append(
+            {
+                "session_id": session.id,
+                "event": number,
+                "type": stored.type,
+                "text": stored.text,
+                "segment": session.n_segments + n_segments if is_segment else None,
+            }
+        )
+        n_segments += is_segment
+    tx.execute(sa.insert(events_table), rows)
+    return n_segments
+
+
+def _events(
+    tx: Session, id_: str, number: sa.Column[int], after: int, limit: int | None
+) -> tuple[StoredEvent, ...]:
+    get(tx, id_)
+    query = sa.select(events_table).where(events_table.c.session_id == id_, number > after)
+    rows = tx.execute(query.order_by(number).limit(limit))
+    return tuple(StoredEvent(row.event, row.type, row.text) for row in rows)
+
+
+def _row(tx: Session, id_: str, *, for_update: bool = False) -> sa.Row[Any]:
+    query = sa.select(table).where(table.c.id == id_)
+    row = tx.execute(query.with_for_update() if for_update else query).one_or_none()
+    if row is None:
+        raise NotFound("session", id_)
+    return row
+
+
+def _record(row: sa.Row[Any]) -> SessionRecord:
+    return SessionRecord(
+        id=row.id,
+        name=row.name,
+        model=row.model,
+        version=row.version,
+        token_hash=row.token_hash,
+        state=row.state,
+        geometry=row.geometry,
+        channels=tuple(row.channels),
+        start=row.start,
+        n_frames=row.n_frames,
+        n_events=row.n_events,
+        n_segments=row.n_segments,
+        frames_kept=row.frames_kept,
+        created_at=row.created_at,
+        last_seen_at=row.last_seen_at,
+    )
