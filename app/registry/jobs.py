@@ -10,6 +10,7 @@ The first end stands: whatever a late or repeated step says afterwards changes n
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any
 from uuid import uuid4
@@ -41,10 +42,10 @@ def create(
     Raises KeyReused if the key came with another request.
     """
     row = {
-        "id": uuid4().hex,
+        "id": (id_ := uuid4().hex),
         "kind": kind,
         "model": model,
-        "request": dict(request),
+        "request": json.loads(json.dumps(dict(request))),
         "state": "queued",
         "done": 0,
         "total": 0,
@@ -60,7 +61,7 @@ def create(
             tx.execute(sa.insert(table).values(row))
     except IntegrityError:
         return _made_before(tx, row), False
-    return get(tx, row["id"]), True
+    return get(tx, id_), True
 
 
 def get(tx: Session, id_: str) -> JobRecord:
