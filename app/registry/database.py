@@ -42,11 +42,11 @@ class Database:
         self.url = _checked(url)
         self._turn = _Turn()
         if self.url.get_backend_name() == "sqlite":
-            self._writing = _sqlite(self.url, "BEGIN IMMEDIATE", "OFF")
+            self.engine = _sqlite(self.url, "BEGIN IMMEDIATE", "OFF")
             self._reading = _sqlite(self.url, "BEGIN", "ON")
         else:
-            self._writing = create_engine(self.url, json_serializer=_as_json, pool_pre_ping=True)
-            self._reading = self._writing.execution_options(
+            self.engine = create_engine(self.url, json_serializer=_as_json, pool_pre_ping=True)
+            self._reading = self.engine.execution_options(
                 isolation_level="REPEATABLE READ", postgresql_readonly=True
             )
 
@@ -56,7 +56,7 @@ class Database:
 
         Transactions do not nest: RuntimeError.
         """
-        with self._turn.taken(self._path is not None), Session(self._writing) as tx, tx.begin():
+        with self._turn.taken(self._path is not None), Session(self.engine) as tx, tx.begin():
             yield tx
 
     @contextmanager
@@ -67,7 +67,7 @@ class Database:
 
     def migrate(self) -> None:
         """Bring the tables to the newest revision; several processes may do so at once."""
-        with _migrating, self._only_one(), self._writing.begin() as connection:
+        with _migrating, self._only_one(), self.engine.begin() as connection:
             if self._path is None:
                 connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": MIGRATION_LOCK})
             command.upgrade(migration_config(connection), "head")
@@ -79,7 +79,7 @@ class Database:
 
     def close(self) -> None:
         """Close all connections."""
-        self._writing.dispose()
+        self.engine.dispose()
         self._reading.dispose()
 
     @property

@@ -76,7 +76,7 @@ Json = JSON(none_as_null=True)
 Counting = BigInteger().with_variant(Integer, "sqlite")
 """A key that counts up by itself: rows in order of arrival."""
 
-models = Table(
+models = Table(  # last_version: the number given out last, which never goes back
     "models",
     metadata,
     Column("name", Words, primary_key=True),
@@ -85,7 +85,7 @@ models = Table(
     Column("description", Words),
     Column("features", Json, nullable=False),
     Column("revision", Words, nullable=False),
-    Column("last_version", Integer, nullable=False, comment="the number given out last; never goes back"),
+    Column("last_version", Integer, nullable=False),
     Column("created_at", Instant, nullable=False),
     Column("updated_at", Instant, nullable=False),
 )
@@ -212,13 +212,13 @@ session_frames = Table(
     CheckConstraint("n_frames > 0", name="not_empty"),
 )
 
-session_events = Table(
+session_events = Table(  # segment: number of the segment, for events that are one
     "session_events",
     metadata,
     Column("session_id", ForeignKey("sessions.id", ondelete="CASCADE"), primary_key=True),
     Column("event", BigInteger, primary_key=True, autoincrement=False),
     Column("type", Words, nullable=False),
     Column("text", Words, nullable=False),
-    Column("segment", BigInteger, comment="number of the segment, for events that are one"),
+    Column("segment", BigInteger),
     UniqueConstraint("session_id", "segment"),
 )

@@ -1,0 +1,1 @@
+"""Revisions, in order. Each can be undone."""
