@@ -95,8 +95,8 @@ def _versions() -> None:
         sa.Column("evaluation", sa.JSON(), nullable=True),
         sa.Column("job_id", sa.Text(), nullable=True),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
-        sa.CheckConstraint("base < number", name="ck_versions_base_is_older"),
-        sa.CheckConstraint("number > 0", name="ck_versions_counts_from_one"),
+        sa.CheckConstraint("base < number", name=op.f("ck_versions_base_is_older")),
+        sa.CheckConstraint("number > 0", name=op.f("ck_versions_counts_from_one")),
         sa.ForeignKeyConstraint(
             ["model", "base"], ["versions.model", "versions.number"], name="fk_versions_model_base"
         ),
@@ -167,7 +167,7 @@ def _jobs() -> None:
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("updated_at", sa.DateTime(timezone=True), nullable=False),
         sa.CheckConstraint(
-            "state IN ('queued', 'running', 'succeeded', 'failed', 'cancelled')", name="ck_jobs_state"
+            "state IN ('queued', 'running', 'succeeded', 'failed', 'cancelled')", name=op.f("ck_jobs_state")
         ),
         sa.PrimaryKeyConstraint("position", name="pk_jobs"),
         sa.UniqueConstraint("id", name="uq_jobs_id"),
@@ -196,7 +196,7 @@ def _sessions() -> None:
         sa.Column("frames_kept", sa.Boolean(), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("last_seen_at", sa.DateTime(timezone=True), nullable=False),
-        sa.CheckConstraint("state IN ('active', 'ended', 'expired')", name="ck_sessions_state"),
+        sa.CheckConstraint("state IN ('active', 'ended', 'expired')", name=op.f("ck_sessions_state")),
         sa.PrimaryKeyConstraint("position", name="pk_sessions"),
         sa.UniqueConstraint("id", name="uq_sessions_id"),
     )
@@ -211,7 +211,7 @@ def _session_frames() -> None:
         sa.Column("first_seq", sa.BigInteger(), autoincrement=False, nullable=False),
         sa.Column("n_frames", sa.Integer(), nullable=False),
         sa.Column("rows", sa.LargeBinary(), nullable=False),
-        sa.CheckConstraint("n_frames > 0", name="ck_session_frames_not_empty"),
+        sa.CheckConstraint("n_frames > 0", name=op.f("ck_session_frames_not_empty")),
         sa.ForeignKeyConstraint(
             ["session_id"], ["sessions.id"], name="fk_session_frames_session_id", ondelete="CASCADE"
         ),

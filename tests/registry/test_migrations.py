@@ -1,0 +1,70 @@
+"""The revisions: up, down, and in step with the tables."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from sqlalchemy import inspect
+
+from app.registry.database import Database, migration_config
+from app.registry.tables import metadata
+
+
+def table_names(database: Database) -> set[str]:
+    return set(inspect(database.engine).get_table_names())
+
+
+def test_the_revisions_make_the_tables_as_the_registry_knows_them(database: Database) -> None:
+    with database.engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        assert compare_metadata(context, metadata) == []
+
+
+def test_foreign_keys_and_checks_are_in_the_database(database: Database) -> None:
+    inspector = inspect(database.engine)
+    for table in metadata.tables.values():
+        found = inspector.get_foreign_keys(table.name)
+        assert {key["name"] for key in found} == {key.name for key in table.foreign_key_constraints}
+    assert {check["name"] for check in inspector.get_check_constraints("versions")} == {
+        "ck_versions_counts_from_one",
+        "ck_versions_base_is_older",
+    }
+
+
+def test_down_and_up_again(database: Database) -> None:
+    before = table_names(database)
+    with database.engine.begin() as connection:
+        command.downgrade(migration_config(connection), "base")
+    assert table_names(database) == {"alembic_version"}
+    database.migrate()
+    assert table_names(database) == before == set(metadata.tables) | {"alembic_version"}
+
+
+def test_threads_may_migrate_at_once(database_url: str) -> None:
+    databases = [Database(database_url) for _ in range(4)]
+    barrier = Barrier(4)
+
+    def migrate(database: Database) -> None:
+        barrier.wait()
+        database.migrate()
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(migrate, databases))
+    for database in databases:
+        assert set(metadata.tables) < table_names(database)
+        database.close()
+
+
+def test_processes_may_migrate_at_once(database_url: str) -> None:
+    program = "import sys; from app.registry.database import Database; Database(sys.argv[1]).migrate()"
+    started = [subprocess.Popen([sys.executable, "-c", program, database_url]) for _ in range(3)]
+    assert [process.wait(timeout=60) for process in started] == [0, 0, 0]
+    database = Database(database_url)
+    assert set(metadata.tables) < table_names(database)
+    database.close()
