@@ -1,0 +1,1 @@
+"""Gesta: learns actions from demonstrations, recognises them online, re-enacts them."""

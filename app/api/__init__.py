@@ -1,0 +1,1 @@
+"""The wire: REST, WebSocket, server-sent events, errors."""

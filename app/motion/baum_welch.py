@@ -31,7 +31,9 @@ class Chain(NamedTuple):
     weights: Floats
 
 
-def train_chain(sequences: Sequence[Floats], initial: Chain, floor: Floats, known: Chain | None) -> Chain:
+def train_chain(
+    sequences: Sequence[Floats], initial: Chain, floor: Floats, known: Chain | None = None
+) -> Chain:
     """Return the chain that Baum-Welch reaches from ``initial``.
 
     sequences: (n_frames, n_features) each, without NaN and none shorter than the number of states; floor:
@@ -48,13 +50,10 @@ def train_chain(sequences: Sequence[Floats], initial: Chain, floor: Floats, know
     return Chain(hmm.means_, hmm._covars_, stay, hmm.weights)
 
 
-def log_likelihood(sequences: Sequence[Floats], chain: Chain) -> float:
-    """Return the log-likelihood of sequences, summed over all paths that end in the last state [nat]."""
+def log_likelihoods(sequences: Sequence[Floats], chain: Chain) -> Floats:
+    """Return (n_sequences,) log-likelihoods, each summed over all paths that end in the last state [nat]."""
     hmm = _LeftRight(chain, chain.variances.min(axis=0), None, 0.0)
-    exits = len(sequences) * np.log1p(-chain.stay[-1])
-    stays = sum(len(sequence) for sequence in sequences)
-    del stays
-    return float(hmm.score(np.concatenate(sequences), [len(s) for s in sequences]) + exits)
+    return np.array([hmm.score(sequence) for sequence in sequences])
 
 
 class _LeftRight(GaussianHMM):  # type: ignore[misc]

@@ -52,10 +52,14 @@ class ActionModel:
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """The density of all demonstrations' features, whatever their class: mean, variance (n_features,)."""
+    """What any frame of any movement might look like: a Cauchy density around all demonstrations.
 
-    mean: Floats
-    variance: Floats
+    location, scale: (n_features,) [m]. Its heavy tails leave a movement that no class resembles to it; a
+    Gaussian would find such a movement even less likely than the classes do.
+    """
+
+    location: Floats
+    scale: Floats
 
 
 @dataclass(frozen=True, eq=False)

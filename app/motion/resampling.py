@@ -29,12 +29,13 @@ class Grid(NamedTuple):
     """Consecutive grid points.
 
     times: (n,) [s]; positions: (n, n_tracks, 3) [m], the hand's first; frames: (n,) the nearest of the
-    client's frames, counted over the whole stream.
+    client's frames and released: (n,) the one with which the point was known, counted over the whole stream.
     """
 
     times: Floats
     positions: Floats
     frames: NDArray[np.int64]
+    released: NDArray[np.int64]
 
 
 class Period:
@@ -108,7 +109,8 @@ def _interpolate(
     mixed = before * (1.0 - w) + behind * w
     mixed[gaps[after - 1]] = np.nan
     mixed = np.where(w <= _SAME, before, np.where(w >= 1.0 - _SAME, behind, mixed))
-    return Grid(grid, mixed, np.where(weight < 0.5, numbers[after - 1], numbers[after]))
+    nearest = np.where(weight < 0.5, numbers[after - 1], numbers[after])
+    return Grid(grid, mixed, nearest, numbers[after])
 
 
 def stack(trajectory: Trajectory, objects: tuple[str, ...]) -> Floats:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from app.motion.errors import InvalidSegment, InvalidTrajectory
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 FARTHEST_M = 100.0
 """A position farther out than this is in a wrong unit [m]."""

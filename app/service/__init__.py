@@ -1,0 +1,1 @@
+"""The use cases: upload, train, recognise, generate, evaluate, promote."""

@@ -1,0 +1,170 @@
+"""Generation of movements between end points that nobody demonstrated (Sec. III-D of the paper).
+
+A movement's *phase* runs from 0 to 1 in time. Its keypoints are the means of the states, each at the phase
+in the middle of the state's expected stay. Gaussian process regression through them gives the deviation
+from the straight line at every phase, and the inverse of the alignment lays it between start and goal.
+
+Two things make the movement start and end at rest, exactly at the asked points. The regression is of
+``deviation / WINDOW``, where the window and its slope are zero at both ends. And the share of the deviation
+along the line that is the profile of a minimum-jerk movement grows with the length of the movement, while
+all else keeps its size, as it does in people.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import ArrayLike
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel
+
+from app.motion.errors import InvalidRequest
+from app.motion.features import BLEND, N_DEVIATIONS, alignment, decode
+from app.motion.model import ActionModel, Model
+from app.motion.trajectory import FARTHEST_M, Floats
+
+RATES = (1.0, 1000.0)
+DURATIONS = (0.05, 600.0)
+MAX_FRAMES = 100_000
+"""What may be asked for [Hz], [s], frames."""
+
+LENGTH_SCALE = 0.3
+"""Over which the regression is smooth, as a share of the movement's duration."""
+
+WINDOW = Polynomial([0, 0, 16, -32, 16])
+"""Of the phase: 1 in the middle of the movement, zero with zero slope at both ends."""
+
+MINIMUM_JERK = Polynomial([0, 0, 0, 10, -15, 6])
+"""The share of the way covered at a phase by a minimum-jerk movement."""
+
+
+@dataclass(frozen=True, eq=False)
+class GeneratedMotion:
+    """A movement at a constant rate: its first frame is the start, its last the goal, at rest in both.
+
+    times (n,) from 0 [s]; positions [m], velocities [m/s], accelerations [m/s^2] (n, 3); std (n, 3):
+    standard deviation of the demonstrated movements along the world's axes [m], zero at both ends.
+    """
+
+    times: Floats
+    positions: Floats
+    velocities: Floats
+    accelerations: Floats
+    std: Floats
+
+
+def generate(
+    model: Model,
+    action: str,
+    start: ArrayLike,
+    goal: ArrayLike,
+    *,
+    rate: float = 100.0,
+    duration: float | None = None,
+) -> GeneratedMotion:
+    """Return a movement of a class from start to goal, (3,) each [m], at a rate [Hz].
+
+    duration [s], by default the mean of the demonstrations, is rounded up to whole periods. Raises
+    UnknownAction, and InvalidRequest, which names the argument.
+    """
+    chain = model.action(action)
+    here, there = _point("start", start), _point("goal", goal)
+    length = float(np.linalg.norm(there - here))
+    if length < BLEND:
+        raise InvalidRequest("goal", f"lies {length:.3g} m from the start, needs to lie {BLEND:g} m away")
+    n_periods = _periods(rate, float(np.mean(chain.durations)) if duration is None else duration)
+    phase = np.linspace(0.0, 1.0, n_periods + 1)
+    moves, std = _regress(chain, phase)
+    moves[:, :, 0] += length * np.stack([MINIMUM_JERK.deriv(order)(phase) for order in range(3)])
+    deviation = moves[0] - np.outer(length * phase, [1.0, 0.0, 0.0])
+    rotation = alignment(here, there)
+    seconds = n_periods / rate
+    return GeneratedMotion(
+        times=np.arange(n_periods + 1) / rate,
+        positions=decode(deviation, here, there),
+        velocities=moves[1] @ rotation / seconds,
+        accelerations=moves[2] @ rotation / seconds**2,
+        std=np.sqrt(std**2 @ rotation**2),
+    )
+
+
+def _regress(chain: ActionModel, phase: Floats) -> tuple[Floats, Floats]:
+    """Return the deviation without its minimum-jerk share and its standard deviation, aligned [m].
+
+    phase: (n,). Shapes (3, n, 3), the derivatives by phase of order 0, 1 and 2, and (n, 3).
+    """
+    at = keypoint_phases(chain)
+    means, variances = chain.means[:, :N_DEVIATIONS].copy(), chain.variances[:, :N_DEVIATIONS]
+    profile = MINIMUM_JERK(at) - at
+    means[:, 0] -= profile * np.linalg.lstsq(profile[:, None], means[:, 0])[0]
+    regressions = [_fit(at, mean, variance) for mean, variance in zip(means.T, variances.T, strict=True)]
+    moves = np.stack([_derivatives(regression, phase) for regression in regressions], axis=2)
+    spread = _between(at, variances, phase)
+    doubt = np.column_stack([r.predict(phase[:, None], return_std=True)[1] for r in regressions])
+    return moves, np.sqrt(spread + (WINDOW(phase)[:, None] * doubt) ** 2)
+
+
+def keypoint_phases(chain: ActionModel) -> Floats:
+    """Return (n_states,) phases: the middle of the stay that each state's self-transition implies."""
+    stays = 1.0 / (1.0 - chain.stay)
+    phases: Floats = (np.cumsum(stays) - stays / 2) / np.sum(stays)
+    return phases
+
+
+def _fit(at: Floats, means: Floats, variances: Floats) -> GaussianProcessRegressor:
+    """Return the regression of one component of the deviation over its window.
+
+    at, means, variances: (n_states,).
+    """
+    window = WINDOW(at)
+    size = np.sum(means**2) / np.sum(window**2) + 1e-12
+    kernel = ConstantKernel(size, "fixed") * RBF(LENGTH_SCALE, "fixed")
+    regression = GaussianProcessRegressor(kernel, alpha=variances / window**2, optimizer=None)
+    return regression.fit(at[:, None], means / window)
+
+
+def _derivatives(regression: GaussianProcessRegressor, phase: Floats) -> Floats:
+    """Return (3, n) the regressed component and its first and second derivative by phase."""
+    kernel = regression.kernel_(phase[:, None], regression.X_train_)
+    away = (phase[:, None] - regression.X_train_.T) / LENGTH_SCALE**2
+    g0 = kernel @ regression.alpha_
+    g1 = -(away * kernel) @ regression.alpha_
+    g2 = ((away**2 - LENGTH_SCALE**-2) * kernel) @ regression.alpha_
+    w0, w1, w2 = (WINDOW.deriv(order)(phase) for order in range(3))
+    return np.stack([w0 * g0, w1 * g0 + w0 * g1, w2 * g0 + 2 * w1 * g1 + w0 * g2])
+
+
+def _between(at: Floats, variances: Floats, phase: Floats) -> Floats:
+    """Return (n, 3) variances of the states, their square roots interpolated and zero at both ends."""
+    known = np.concatenate([[0.0], at, [1.0]])
+    std = np.pad(np.sqrt(variances), ((1, 1), (0, 0)))
+    return np.column_stack([np.interp(phase, known, of_component) for of_component in std.T]) ** 2
+
+
+def _periods(rate: float, duration: float) -> int:
+    """Return how many periods of the rate the duration takes, rounded up."""
+    for name, value, (least, most), unit in (
+        ("rate", rate, RATES, "Hz"),
+        ("duration", duration, DURATIONS, "s"),
+    ):
+        if not least <= value <= most:
+            raise InvalidRequest(name, f"must lie between {least:g} and {most:g} {unit}, is {value:g}")
+    n_periods = math.ceil(rate * duration - 1e-6)
+    if n_periods >= MAX_FRAMES:
+        raise InvalidRequest("rate", f"{duration:g} s at {rate:g} Hz are over {MAX_FRAMES} frames")
+    return max(n_periods, 1)
+
+
+def _point(name: str, value: ArrayLike) -> Floats:
+    try:
+        point = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidRequest(name, "must be three numbers") from error
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise InvalidRequest(name, "must be three finite numbers")
+    if np.abs(point).max() > FARTHEST_M:
+        raise InvalidRequest(name, f"lies over {FARTHEST_M:g} m away: a wrong length unit?")
+    return point

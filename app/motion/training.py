@@ -1,0 +1,208 @@
+"""From demonstrations to a model (Sec. III-B of the paper)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.motion.baum_welch import Chain, log_likelihoods, train_chain
+from app.motion.errors import FitFailed, RoleMissing, UnusableDemonstration
+from app.motion.features import BLEND, encode
+from app.motion.model import ActionModel, Background, FeatureSpecification, Model
+from app.motion.resampling import resample, smooth, stack
+from app.motion.trajectory import Demonstration, Floats
+
+MIN_DEMONSTRATIONS = 2
+"""Demonstrations without which a class has no spread."""
+
+MIN_FRAMES = 12
+"""Frames, as recorded, without which a demonstration has no shape."""
+
+MIN_DURATION = 0.2
+"""Shorter than this is no action [s]."""
+
+STATES = (4, 6, 8, 10, 12)
+"""Numbers of states tried on each class."""
+
+N_FOLDS = 3
+
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """How to train.
+
+    n_states: number of states of every class, None to choose it for each from its demonstrations;
+    deviation_floor: least standard deviation of a state in any feature [m]; seed: of the folds that
+    choose the number of states.
+    """
+
+    n_states: int | None = None
+    deviation_floor: float = 0.02
+    seed: int = 0
+
+
+def check_demonstration(index: int, demonstration: Demonstration, features: FeatureSpecification) -> None:
+    """Raise UnusableDemonstration or RoleMissing where nothing can be learned from a demonstration."""
+    trajectory = demonstration.trajectory
+
+    def refuse(detail: str) -> UnusableDemonstration:
+        return UnusableDemonstration(index, demonstration.action, detail)
+
+    for role in features.objects:
+        if role not in trajectory.objects:
+            raise RoleMissing(role, tuple(trajectory.objects))
+    if len(trajectory) < MIN_FRAMES:
+        raise refuse(f"has {len(trajectory)} frames, needs at least {MIN_FRAMES}")
+    duration = float(trajectory.times[-1] - trajectory.times[0])
+    if duration < MIN_DURATION:
+        raise refuse(f"lasts {duration:.3f} s, needs at least {MIN_DURATION} s")
+    tracks = stack(trajectory, features.objects)
+    missing = np.isnan(tracks).any(axis=(1, 2))
+    for name, frame in (("first", 0), ("last", -1)):
+        if np.isnan(trajectory.hand[frame]).any():
+            raise refuse(f"its {name} frame is a dropout of the hand; it must be there")
+    if 2 * int(missing.sum()) > len(trajectory):
+        raise refuse(f"{int(missing.sum())} of its {len(trajectory)} frames are dropouts, over half")
+    if np.linalg.norm(trajectory.hand[-1] - trajectory.hand[0]) < BLEND:
+        raise refuse(f"starts and ends at the same point, within {BLEND * 1000:g} mm: it has no direction")
+
+
+def fit_model(
+    demonstrations: Sequence[Demonstration],
+    features: FeatureSpecification,
+    options: TrainingOptions,
+    base: Model | None = None,
+    learned: Collection[int] = (),
+    progress: Progress = lambda *_: None,
+) -> Model:
+    """Return a model of all demonstrations, one action model per class.
+
+    ``learned`` holds the indices of those that ``base`` was trained on: a class with nothing new keeps its
+    action model, a class with more goes on from it with the new ones alone, a class that lost some is
+    trained afresh. ``progress(done, total, message)`` is called before each class; what it raises ends the
+    training. Raises RoleMissing, UnusableDemonstration, FitFailed.
+    """
+    sequences: dict[str, list[Floats]] = {}
+    fresh: dict[str, list[bool]] = {}
+    for index, demonstration in enumerate(demonstrations):
+        check_demonstration(index, demonstration, features)
+        sequence = observe(demonstration, features)
+        _check_length(index, demonstration.action, sequence, options)
+        sequences.setdefault(demonstration.action, []).append(sequence)
+        fresh.setdefault(demonstration.action, []).append(index not in learned)
+    models = []
+    for done, (action, of_class) in enumerate(sorted(sequences.items())):
+        progress(done, len(sequences), f"training {action}")
+        known = _known(base, action, fresh[action])
+        if known is not None:
+            new = [sequence for sequence, is_new in zip(of_class, fresh[action], strict=True) if is_new]
+            models.append(_fit_further(known, new, features, options) if new else known)
+        else:
+            models.append(_fit_action(action, of_class, features, options))
+    progress(len(sequences), len(sequences), "trained")
+    frames = np.concatenate([sequence for of_class in sequences.values() for sequence in of_class])
+    scale = np.maximum(frames.std(axis=0), options.deviation_floor)
+    return Model(features, tuple(models), Background(frames.mean(axis=0), scale))
+
+
+def observe(demonstration: Demonstration, features: FeatureSpecification) -> Floats:
+    """Return the (n_frames, n_features) features of a demonstration, smoothed, at the internal rate [m].
+
+    Frames in which anything is missing teach nothing and are left out.
+    """
+    trajectory = smooth(resample(demonstration.trajectory, features.rate))
+    present = np.flatnonzero(~np.isnan(trajectory.hand).any(axis=1))
+    trajectory = trajectory.part(0, int(present[-1]) + 1)
+    tracks = stack(trajectory, features.objects)
+    sequence = encode(tracks[:, 0], tracks[:, 1:].swapaxes(0, 1), demonstration.scene.table_height)
+    return sequence[~np.isnan(sequence).any(axis=1)]
+
+
+def _check_length(index: int, action: str, sequence: Floats, options: TrainingOptions) -> None:
+    needed = 2 * STATES[0] if options.n_states is None else options.n_states
+    if len(sequence) < needed:
+        detail = f"has {len(sequence)} usable frames at the internal rate, needs at least {needed}"
+        raise UnusableDemonstration(index, action, detail)
+
+
+def _known(base: Model | None, action: str, fresh: Sequence[bool]) -> ActionModel | None:
+    """Return the base's action model if all that it was trained on is still there."""
+    if base is None or action not in base.names:
+        return None
+    known = base.action(action)
+    return known if len(known.durations) == fresh.count(False) else None
+
+
+def _fit_action(
+    action: str, sequences: Sequence[Floats], features: FeatureSpecification, options: TrainingOptions
+) -> ActionModel:
+    if len(sequences) < MIN_DEMONSTRATIONS:
+        raise FitFailed(action, f"has {len(sequences)} demonstration, needs at least {MIN_DEMONSTRATIONS}")
+    floor = np.full(features.n_features, options.deviation_floor**2)
+    n_states = options.n_states or _choose_states(sequences, floor, options.seed)
+    chain = train_chain(sequences, _even(sequences, n_states), floor)
+    return _action_model(action, chain, _durations(sequences, features))
+
+
+def _fit_further(
+    known: ActionModel, sequences: Sequence[Floats], features: FeatureSpecification, options: TrainingOptions
+) -> ActionModel:
+    floor = np.full(features.n_features, options.deviation_floor**2)
+    before = Chain(known.means, known.variances, known.stay, known.weights)
+    if shorter := [len(sequence) for sequence in sequences if len(sequence) < known.n_states]:
+        detail = f"has a demonstration of {shorter[0]} frames for {known.n_states} states"
+        raise FitFailed(known.action, detail)
+    chain = train_chain(sequences, before, floor, known=before)
+    durations = np.concatenate([known.durations, _durations(sequences, features)])
+    return _action_model(known.action, chain, durations)
+
+
+def _action_model(action: str, chain: Chain, durations: Floats) -> ActionModel:
+    if not all(np.isfinite(array).all() for array in chain):
+        detail = "training gave numbers that are not finite: its demonstrations are too few or too alike"
+        raise FitFailed(action, detail)
+    return ActionModel(action, chain.means, chain.variances, chain.stay, chain.weights, durations)
+
+
+def _durations(sequences: Sequence[Floats], features: FeatureSpecification) -> Floats:
+    return np.array([(len(sequence) - 1) / features.rate for sequence in sequences])
+
+
+def _even(sequences: Sequence[Floats], n_states: int) -> Chain:
+    """Return the chain that divides every sequence evenly among the states: where training starts."""
+    parts = [np.array_split(sequence, n_states) for sequence in sequences]
+    frames = [np.concatenate(of_state) for of_state in zip(*parts, strict=True)]
+    weights = np.array([float(len(of_state)) for of_state in frames])
+    stay = np.maximum(1.0 - len(sequences) / weights, 0.1)
+    means = np.array([of_state.mean(axis=0) for of_state in frames])
+    variances = np.array([of_state.var(axis=0) for of_state in frames])
+    return Chain(means, variances, stay, weights)
+
+
+def _choose_states(sequences: Sequence[Floats], floor: Floats, seed: int) -> int:
+    """Return the fewest states that explain held-out demonstrations within one standard error of the best."""
+    most = min(len(sequence) for sequence in sequences) // 2
+    candidates = [n_states for n_states in STATES if n_states <= most]
+    fold = np.random.default_rng(seed).permutation(len(sequences)) % min(N_FOLDS, len(sequences))
+    held_out = np.array([_held_out(sequences, n_states, floor, fold) for n_states in candidates])
+    best = held_out[held_out.sum(axis=1).argmax()]
+    for n_states, of_candidate in zip(candidates, held_out, strict=True):
+        loss = best - of_candidate
+        if loss.mean() <= loss.std() / np.sqrt(len(loss)):
+            return n_states
+    return candidates[-1]
+
+
+def _held_out(sequences: Sequence[Floats], n_states: int, floor: Floats, fold: Floats) -> Floats:
+    """Return (n_sequences,) log-likelihoods, each under a chain trained on the other folds [nat]."""
+    result = np.empty(len(sequences))
+    for index in np.unique(fold):
+        training = [s for s, of in zip(sequences, fold, strict=True) if of != index]
+        chain = train_chain(training, _even(training, n_states), floor)
+        for held in np.flatnonzero(fold == index):
+            result[held] = log_likelihoods([sequences[held]], chain)[0]
+    return result

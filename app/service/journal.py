@@ -1,0 +1,111 @@
+"""The journal: what sessions took in and decided goes to the database, one transaction for all of them.
+
+Frames alone wait up to ``PAUSE`` for company; a decision goes at once. The write runs in a thread, so the
+event loop goes on while the disk turns.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Protocol
+
+from app.motion.trajectory import Floats
+from app.service.session_errors import WriteFailed
+
+PAUSE = 0.4
+"""Longest time that frames wait before they are written [s]."""
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A durable event: its number in the session, its type and its message as JSON text."""
+
+    event: int
+    type: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What one session adds: rows of settled frames from ``first_seq`` on, events, and whether it ends."""
+
+    session_id: str
+    first_seq: int
+    rows: tuple[Floats, ...] = ()
+    events: tuple[Stored, ...] = ()
+    ended: bool = False
+
+
+class Source(Protocol):
+    """A session, as the journal sees it."""
+
+    def collect(self) -> Entry:
+        """Hand over what is not written yet."""
+
+    def written(self, entry: Entry) -> None:
+        """Learn that the entry is durable."""
+
+    def failed(self, error: Exception) -> None:
+        """Learn that it could not be made durable."""
+
+
+class Journal:
+    """Writes the entries of all sessions of the process; ``write`` does it in one transaction."""
+
+    def __init__(self, write: Callable[[Sequence[Entry]], None]) -> None:
+        self._write = write
+        self._waiting: dict[Source, None] = {}
+        self._any = asyncio.Event()
+        self._urgent = asyncio.Event()
+        self._closing = False
+        self._task = asyncio.create_task(self._run())
+
+    def note(self, source: Source, urgent: bool) -> None:
+        """Write what the source has to add soon, or at once."""
+        self._waiting[source] = None
+        self._any.set()
+        if urgent:
+            self._urgent.set()
+
+    async def close(self) -> None:
+        """Write what is left and stop."""
+        self._closing = True
+        self._any.set()
+        self._urgent.set()
+        await self._task
+
+    async def _run(self) -> None:
+        while not self._closing or self._waiting:
+            await self._any.wait()
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._urgent.wait(), PAUSE)
+            await self._write_all()
+
+    async def _write_all(self) -> None:
+        sources, self._waiting = list(self._waiting), {}
+        self._any.clear()
+        self._urgent.clear()
+        entries = [source.collect() for source in sources]
+        if entries and await self._try(entries):
+            for source, entry in zip(sources, entries, strict=True):
+                source.written(entry)
+            return
+        for source, entry in zip(sources, entries, strict=True):
+            if await self._try([entry]):
+                source.written(entry)
+            else:
+                source.failed(WriteFailed())
+
+    async def _try(self, entries: Sequence[Entry]) -> bool:
+        try:
+            await asyncio.to_thread(self._write, entries)
+        except Exception:
+            log.exception("%d sessions could not be written together", len(entries))
+            return False
+        return True

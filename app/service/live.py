@@ -1,0 +1,216 @@
+"""The sessions that live in this process: opened, attached to a connection, resumed, ended, expired.
+
+At most one connection is attached to a session, the newest. A session without one waits ``Limits.resume``
+for the next and is ended then.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+from collections.abc import AsyncIterator, Coroutine
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+from app.service.journal import Journal, Stored
+from app.service.session import Session
+from app.service.session_errors import (
+    Restarting,
+    SessionError,
+    SessionGone,
+    StartRefused,
+    TakenOver,
+    TokenRefused,
+    TooManySessions,
+)
+from app.service.session_store import SessionStore, Wish
+
+POLL = 0.5
+"""How often a session of another process is looked at [s]."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a connection may ask of the server; times in seconds."""
+
+    idle: float = 60.0
+    send: float = 10.0
+    resume: float = 600.0
+    drain: float = 5.0
+    sessions: int = 500
+    message_bytes: int = 1 << 20
+    message_frames: int = 4096
+    unacked_frames: int = 10_000
+
+
+class Attachment:
+    """The hold of one connection on a session; ``revoke`` takes it away with a reason."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.left = asyncio.Event()
+        self._reason: asyncio.Future[SessionError] = asyncio.get_running_loop().create_future()
+
+    def revoke(self, reason: SessionError) -> None:
+        """Tell the connection to leave."""
+        if not self._reason.done():
+            self._reason.set_result(reason)
+
+    async def revoked(self) -> None:
+        """Wait until the hold is taken away. Raises the reason."""
+        raise await asyncio.shield(self._reason)
+
+
+@dataclass
+class _Place:
+    session: Session
+    token_digest: str
+    attachment: Attachment | None = None
+    expiry: asyncio.TimerHandle | None = None
+
+
+class LiveSessions:
+    """The sessions of this process. Made and closed inside the running event loop."""
+
+    def __init__(self, store: SessionStore, limits: Limits | None = None) -> None:
+        self.store = store
+        self.limits = limits or Limits()
+        self.draining = asyncio.Event()
+        self._journal = Journal(store.write)
+        self._places: dict[str, _Place] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def open(self, wish: Wish) -> tuple[Attachment, str]:
+        """Open a session; return the hold on it and its resume token.
+
+        Raises NotFound for an unknown model or version, StartRefused, TooManySessions, Restarting.
+        """
+        self._make_room()
+        opened = await asyncio.to_thread(self.store.open, wish)
+        session = Session(opened.pinned, opened.recogniser, self._journal, self.store.events)
+        place = _Place(session, digest_of(opened.token))
+        self._places[opened.pinned.session_id] = place
+        return self._attach(place), opened.token
+
+    async def resume(self, session_id: str, token: str, wish: Wish) -> Attachment:
+        """Attach a new connection to a session; the one before it is told that it was taken over.
+
+        Raises SessionGone, TokenRefused, StartRefused if the wish is not that of the session, Restarting.
+        """
+        if self.draining.is_set():
+            raise Restarting
+        place = self._places.get(session_id)
+        if place is None:
+            raise SessionGone(session_id)
+        if not hmac.compare_digest(place.token_digest, digest_of(token)):
+            raise TokenRefused
+        self._check_same(place.session, wish)
+        while place.attachment is not None:
+            former = place.attachment
+            former.revoke(TakenOver())
+            await former.left.wait()
+        if session_id not in self._places:
+            raise SessionGone(session_id)
+        return self._attach(place)
+
+    def leave(self, attachment: Attachment) -> None:
+        """Give the hold back; from now on the session waits to be resumed."""
+        attachment.left.set()
+        place = self._places.get(attachment.session.pinned.session_id)
+        if place is None or place.attachment is not attachment:
+            return
+        place.attachment = None
+        place.expiry = asyncio.get_running_loop().call_later(self.limits.resume, self._expire, place)
+
+    def abandon(self, session: Session) -> None:
+        """Give up a session that cannot go on; what is durable of it stays."""
+        self._places.pop(session.pinned.session_id, None)
+        session.failed(SessionGone(session.pinned.session_id))
+        self._start(asyncio.to_thread(self.store.end, session.pinned.session_id))
+
+    def get(self, session_id: str) -> Session | None:
+        """Return the session if it lives here."""
+        place = self._places.get(session_id)
+        return place.session if place else None
+
+    async def end(self, session_id: str) -> None:
+        """End a session wherever it is; one that has ended stays so. Raises NotFound."""
+        session = self.get(session_id)
+        if session is not None:
+            await session.end()
+        else:
+            await asyncio.to_thread(self.store.end, session_id)
+
+    async def events(self, session_id: str, after: int) -> AsyncIterator[Stored]:
+        """Yield the durable events after number ``after`` as they come; ``ended`` is the last."""
+        while not self.draining.is_set():
+            if (session := self.get(session_id)) is not None:
+                async for stored in session.events_after(after):
+                    yield stored
+                return
+            for stored in await asyncio.to_thread(self.store.events, session_id, after):
+                yield stored
+                after = stored.event
+                if stored.type == "ended":
+                    return
+            await self.pause(POLL)
+
+    async def pause(self, seconds: float) -> None:
+        """Wait so long, or until the server goes away."""
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self.draining.wait(), seconds)
+
+    async def drain(self) -> None:
+        """Let every connection go in order, make everything durable and stop; safe to call again."""
+        if self.draining.is_set():
+            return
+        self.draining.set()
+        holds = [place.attachment for place in self._places.values() if place.attachment is not None]
+        with suppress(TimeoutError):
+            async with asyncio.timeout(self.limits.drain):
+                await asyncio.gather(*(hold.left.wait() for hold in holds))
+        for place in self._places.values():
+            if place.expiry is not None:
+                place.expiry.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._journal.close()
+
+    def _attach(self, place: _Place) -> Attachment:
+        if place.expiry is not None:
+            place.expiry.cancel()
+            place.expiry = None
+        place.attachment = Attachment(place.session)
+        return place.attachment
+
+    def _make_room(self) -> None:
+        if self.draining.is_set():
+            raise Restarting
+        if len(self._places) < self.limits.sessions:
+            return
+        waiting = next((place for place in self._places.values() if place.attachment is None), None)
+        if waiting is None:
+            raise TooManySessions(self.limits.sessions)
+        self._expire(waiting)
+
+    def _expire(self, place: _Place) -> None:
+        self._places.pop(place.session.pinned.session_id, None)
+        self._start(place.session.end())
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _check_same(self, session: Session, wish: Wish) -> None:
+        pinned = session.pinned
+        layout = replace(wish.layout(pinned.roles), encoding=pinned.layout.encoding)
+        if (wish.model, layout, wish.scene or pinned.scene) != (pinned.model, pinned.layout, pinned.scene):
+            detail = "model, geometry, rate_hz, objects and scene must be those of the session's first start"
+            raise StartRefused("resume_mismatch", detail)
+
+
+def digest_of(token: str) -> str:
+    """Return what is kept of a resume token."""
+    return hashlib.sha256(token.encode()).hexdigest()

@@ -1,0 +1,206 @@
+"""One recognition, which may span several connections: frames in, durable events out.
+
+A session drives one ``Recogniser`` of one pinned model version. It counts frames and events, hands both to
+the journal and tells by marks how many frames it has taken in (``taken``), how many of them
+(``frames_durable``) and how many events (``events``) are durable, and that either has changed (``moved``).
+It knows no socket: who is attached asks for ``events_after`` and ``hypotheses``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from app.motion.recogniser import Event, Recogniser, SegmentEvent
+from app.motion.trajectory import Floats, Scene
+from app.service import messages
+from app.service.frames import Frames, Layout, settle, trajectory
+from app.service.journal import Entry, Journal, Stored
+from app.service.mark import Mark
+from app.service.session_errors import FramesMissing, MessageMalformed
+
+BATCH = 16
+"""Frames that are computed before other sessions have their turn."""
+UNWRITTEN = 20_000
+"""Frames that a session takes in beyond those that are durable; then it waits for the disk."""
+RECENT = 128
+"""Durable events kept in memory; older ones are read from the database."""
+
+
+@dataclass(frozen=True)
+class Pinned:
+    """What a session keeps from its start to its end."""
+
+    session_id: str
+    model: str
+    version: int
+    roles: tuple[str, ...]
+    actions: tuple[str, ...]
+    layout: Layout
+    scene: Scene
+    warnings: tuple[tuple[str, str], ...] = ()
+
+
+class Session:
+    """A live session; ``read_events(session_id, after)`` reads its durable events from the database."""
+
+    def __init__(
+        self,
+        pinned: Pinned,
+        recogniser: Recogniser,
+        journal: Journal,
+        read_events: Callable[[str, int], Sequence[Stored]],
+    ) -> None:
+        self.pinned = pinned
+        self.taken = Mark(0)
+        self.moved = Mark(0)
+        self.frames_durable = Mark(0)
+        self.events = Mark(0)
+        self.ended = False
+        self._recogniser = recogniser
+        self._journal = journal
+        self._read_events = read_events
+        self._last_time = -math.inf
+        self._n_events = 0
+        self._n_segments = 0
+        self._rows: list[Floats] = []
+        self._fresh: list[Stored] = []
+        self._collected = 0
+        self._recent: deque[Stored] = deque(maxlen=RECENT)
+        self._newest = np.empty(0)
+
+    @property
+    def next_seq(self) -> int:
+        """The number of the frame wanted next."""
+        return self.taken.value
+
+    async def take(self, frames: Frames) -> None:
+        """Take the frames that are new, in small batches that let others have their turn.
+
+        Raises FramesMissing and FramesRefused, of the latter no frame is taken.
+        """
+        if frames.first_seq > self.next_seq:
+            raise FramesMissing(self.next_seq, frames.first_seq)
+        skip = self.next_seq - frames.first_seq
+        if self.ended or skip >= len(frames):
+            return
+        rows = settle(self.pinned.layout, frames, skip, self._last_time)
+        for start in range(0, len(rows), BATCH):
+            if self.ended:
+                return
+            self._push(rows[start : start + BATCH])
+            await asyncio.sleep(0)
+        await self.frames_durable.beyond(self.next_seq - UNWRITTEN - 1)
+
+    async def settle(self) -> None:
+        """Return once all that was taken in and decided is durable."""
+        if self.frames_durable.value < self.next_seq or self.events.value < self._n_events:
+            self._journal.note(self, urgent=True)
+        await self.frames_durable.beyond(self.next_seq - 1)
+        await self.events.beyond(self._n_events - 1)
+
+    async def end(self, last_seq: int | None = None) -> None:
+        """End the session: decide what is open; ``ended`` becomes its last event.
+
+        Raises FramesMissing if frame ``last_seq`` was not received.
+        """
+        if self.ended:
+            return
+        if last_seq is not None and last_seq >= self.next_seq:
+            raise FramesMissing(self.next_seq, last_seq)
+        if last_seq is not None and last_seq < self.next_seq - 1:
+            raise MessageMalformed(
+                "malformed",
+                f"`last_seq` {last_seq} lies before frame {self.next_seq - 1}, which was received",
+            )
+        self._record(self._recogniser.finish())
+        self._add("ended", {"segments": self._n_segments, "frames": self.next_seq})
+        self.ended = True
+        await self.settle()
+
+    async def events_after(self, event: int) -> AsyncIterator[Stored]:
+        """Yield the durable events after ``event`` (-1: from the first), as they come, ``ended`` the last."""
+        while True:
+            await self.events.beyond(event + 1)
+            for stored in await self._stored_after(event):
+                yield stored
+                event = stored.event
+                if stored.type == "ended":
+                    return
+
+    async def hypotheses(self, rate_hz: float) -> AsyncIterator[str]:
+        """Yield the hypothesis of the moment as JSON text after new frames; rate_hz: at most [Hz]."""
+        seen = self.next_seq
+        while True:
+            seen = await self.taken.beyond(seen)
+            found = None if self.ended else self._recogniser.hypothesis()
+            if found is not None:
+                yield messages.hypothesis(found)
+            await asyncio.sleep(1.0 / rate_hz)
+
+    async def frames(self, rate_hz: float) -> AsyncIterator[str]:
+        """Yield the newest frame as JSON text; rate_hz: at most [Hz]."""
+        seen = self.next_seq
+        while True:
+            seen = await self.taken.beyond(seen)
+            yield messages.frame(self.next_seq - 1, self._newest, self.pinned.layout.objects)
+            await asyncio.sleep(1.0 / rate_hz)
+
+    def collect(self) -> Entry:
+        """Hand the journal what is not written yet."""
+        entry = Entry(
+            self.pinned.session_id, self._collected, tuple(self._rows), tuple(self._fresh), self.ended
+        )
+        self._collected = self.next_seq
+        self._rows, self._fresh = [], []
+        return entry
+
+    def written(self, entry: Entry) -> None:
+        """Note what is durable now."""
+        self._recent.extend(entry.events)
+        self.frames_durable.advance(entry.first_seq + sum(len(rows) for rows in entry.rows))
+        self.events.advance(self.events.value + len(entry.events))
+        self.moved.advance(self.moved.value + 1)
+
+    def failed(self, error: Exception) -> None:
+        """End everybody's wait: the session cannot keep its promises any more."""
+        for mark in (self.taken, self.moved, self.frames_durable, self.events):
+            mark.fail(error)
+
+    def _push(self, rows: Floats) -> None:
+        layout, roles = self.pinned.layout, self.pinned.roles
+        events = self._recogniser.push(trajectory(layout, rows, roles))
+        self._rows.append(rows)
+        self._newest = rows[-1]
+        self._last_time = float(rows[-1, 0])
+        self.taken.advance(self.next_seq + len(rows))
+        self.moved.advance(self.moved.value + 1)
+        self._record(events)
+        self._journal.note(self, urgent=bool(events))
+
+    def _record(self, events: Sequence[Event]) -> None:
+        for event in events:
+            if isinstance(event, SegmentEvent):
+                pinned, number = self.pinned, self._n_segments
+                self._add(
+                    "segment", messages.segment(event, number, pinned.roles, pinned.model, pinned.version)
+                )
+                self._n_segments += 1
+            else:
+                self._add("gap", messages.gap(event))
+
+    def _add(self, kind: str, fields: dict[str, Any]) -> None:
+        text = messages.as_json({"type": kind, "event": self._n_events, **fields})
+        self._fresh.append(Stored(self._n_events, kind, text))
+        self._n_events += 1
+
+    async def _stored_after(self, event: int) -> Sequence[Stored]:
+        if self._recent and self._recent[0].event <= event + 1:
+            return [stored for stored in self._recent if stored.event > event]
+        return await asyncio.to_thread(self._read_events, self.pinned.session_id, event)
