@@ -50,13 +50,18 @@ class Database:
                 isolation_level="REPEATABLE READ", postgresql_readonly=True
             )
 
+    @property
+    def embedded(self) -> bool:
+        """Whether the database is a file of this machine, with no server of its own."""
+        return self._path is not None
+
     @contextmanager
     def transaction(self) -> Iterator[Session]:
         """Give a session to write with: committed at the end, rolled back if the block raises.
 
         Transactions do not nest: RuntimeError.
         """
-        with self._turn.taken(self._path is not None), Session(self.engine) as tx, tx.begin():
+        with self._turn.taken(self.embedded), Session(self.engine) as tx, tx.begin():
             yield tx
 
     @contextmanager
@@ -73,9 +78,9 @@ class Database:
             command.upgrade(migration_config(connection), "head")
 
     def ping(self) -> None:
-        """Raise if the database does not answer."""
+        """Raise if the database does not answer, or has no tables."""
         with self.reading() as tx:
-            tx.execute(text("SELECT 1"))
+            tx.execute(text("SELECT count(*) FROM alembic_version"))
 
     def close(self) -> None:
         """Close all connections."""

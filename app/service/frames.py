@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.motion.trajectory import FARTHEST_M, Floats, Trajectory
-from app.service.errors import FramesRefused, MessageMalformed
 from app.service.geometry import Geometry, to_metres
+from app.service.session_errors import FramesRefused, MessageMalformed
 
 Encoding = Literal["json", "f32", "f64"]
 HEADER = struct.Struct("<QII")

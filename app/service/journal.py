@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from app.motion.trajectory import Floats
+from app.registry.records import StoredEvent
 from app.service.session_errors import WriteFailed
 
 PAUSE = 0.4
@@ -23,22 +24,13 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Stored:
-    """A durable event: its number in the session, its type and its message as JSON text."""
-
-    event: int
-    type: str
-    text: str
-
-
-@dataclass(frozen=True)
 class Entry:
     """What one session adds: rows of settled frames from ``first_seq`` on, events, and whether it ends."""
 
     session_id: str
     first_seq: int
     rows: tuple[Floats, ...] = ()
-    events: tuple[Stored, ...] = ()
+    events: tuple[StoredEvent, ...] = ()
     ended: bool = False
 
 

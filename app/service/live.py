@@ -7,14 +7,14 @@ for the next and is ended then.
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import hmac
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
-from app.service.journal import Journal, Stored
+from app.registry.records import StoredEvent
+from app.service.journal import Journal
 from app.service.session import Session
 from app.service.session_errors import (
     Restarting,
@@ -26,6 +26,7 @@ from app.service.session_errors import (
     TooManySessions,
 )
 from app.service.session_store import SessionStore, Wish
+from app.service.tokens import digest_of
 
 POLL = 0.5
 """How often a session of another process is looked at [s]."""
@@ -143,7 +144,7 @@ class LiveSessions:
         else:
             await asyncio.to_thread(self.store.end, session_id)
 
-    async def events(self, session_id: str, after: int) -> AsyncIterator[Stored]:
+    async def events(self, session_id: str, after: int) -> AsyncIterator[StoredEvent]:
         """Yield the durable events after number ``after`` as they come; ``ended`` is the last."""
         while not self.draining.is_set():
             if (session := self.get(session_id)) is not None:
@@ -209,8 +210,3 @@ class LiveSessions:
         if (wish.model, layout, wish.scene or pinned.scene) != (pinned.model, pinned.layout, pinned.scene):
             detail = "model, geometry, rate_hz, objects and scene must be those of the session's first start"
             raise StartRefused("resume_mismatch", detail)
-
-
-def digest_of(token: str) -> str:
-    """Return what is kept of a resume token."""
-    return hashlib.sha256(token.encode()).hexdigest()

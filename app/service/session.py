@@ -19,9 +19,10 @@ import numpy as np
 
 from app.motion.recogniser import Event, Recogniser, SegmentEvent
 from app.motion.trajectory import Floats, Scene
+from app.registry.records import StoredEvent
 from app.service import messages
 from app.service.frames import Frames, Layout, settle, trajectory
-from app.service.journal import Entry, Journal, Stored
+from app.service.journal import Entry, Journal
 from app.service.mark import Mark
 from app.service.session_errors import FramesMissing, MessageMalformed
 
@@ -55,7 +56,7 @@ class Session:
         pinned: Pinned,
         recogniser: Recogniser,
         journal: Journal,
-        read_events: Callable[[str, int], Sequence[Stored]],
+        read_events: Callable[[str, int], Sequence[StoredEvent]],
     ) -> None:
         self.pinned = pinned
         self.taken = Mark(0)
@@ -70,9 +71,9 @@ class Session:
         self._n_events = 0
         self._n_segments = 0
         self._rows: list[Floats] = []
-        self._fresh: list[Stored] = []
+        self._fresh: list[StoredEvent] = []
         self._collected = 0
-        self._recent: deque[Stored] = deque(maxlen=RECENT)
+        self._recent: deque[StoredEvent] = deque(maxlen=RECENT)
         self._newest = np.empty(0)
 
     @property
@@ -124,7 +125,7 @@ class Session:
         self.ended = True
         await self.settle()
 
-    async def events_after(self, event: int) -> AsyncIterator[Stored]:
+    async def events_after(self, event: int) -> AsyncIterator[StoredEvent]:
         """Yield the durable events after ``event`` (-1: from the first), as they come, ``ended`` the last."""
         while True:
             await self.events.beyond(event + 1)
@@ -197,10 +198,10 @@ class Session:
 
     def _add(self, kind: str, fields: dict[str, Any]) -> None:
         text = messages.as_json({"type": kind, "event": self._n_events, **fields})
-        self._fresh.append(Stored(self._n_events, kind, text))
+        self._fresh.append(StoredEvent(self._n_events, kind, text))
         self._n_events += 1
 
-    async def _stored_after(self, event: int) -> Sequence[Stored]:
+    async def _stored_after(self, event: int) -> Sequence[StoredEvent]:
         if self._recent and self._recent[0].event <= event + 1:
             return [stored for stored in self._recent if stored.event > event]
         return await asyncio.to_thread(self._read_events, self.pinned.session_id, event)

@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+import secrets
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
+from uuid import uuid4
 
+import numpy as np
+
+from app.motion.model import Model
+from app.motion.recogniser import Recogniser
 from app.motion.trajectory import Scene
+from app.registry import models, sessions
+from app.registry.records import StoredEvent
 from app.service.frames import Encoding, Layout
 from app.service.geometry import Geometry
+from app.service.journal import Entry
+from app.service.lab import Lab
+from app.service.session import Pinned
 from app.service.session_errors import StartRefused
+from app.service.tokens import digest_of
 
 
 @dataclass(frozen=True)
@@ -27,9 +41,8 @@ class Wish:
         """Return what a frame holds. Raises StartRefused."""
         objects = roles if self.objects is None else self.objects
         if len(set(objects)) < len(objects) or not {"t", "hand"}.isdisjoint(objects):
-            raise StartRefused(
-                "objects_invalid", "objects need names of their own, other than `t` and `hand`"
-            )
+            detail = "objects need names of their own, other than `t` and `hand`"
+            raise StartRefused("objects_invalid", detail)
         if missing := [role for role in roles if role not in objects]:
             raise StartRefused("role_missing", f"the model needs an object named {missing[0]!r}")
         if self.encoding == "f32" and self.rate_hz is None:
@@ -40,3 +53,85 @@ class Wish:
     def scene(self) -> Scene | None:
         """What stands still, None: as the model says."""
         return None if self.table_height is None else Scene(self.table_height)
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A session just created: what it is pinned to, its recogniser, its resume token."""
+
+    pinned: Pinned
+    recogniser: Recogniser
+    token: str
+
+
+class SessionStore:
+    """Opens sessions and keeps them in the database; every method may wait for the disk."""
+
+    def __init__(self, lab: Lab) -> None:
+        self._lab = lab
+
+    def open(self, wish: Wish) -> Opened:
+        """Create a session on the version it asks for. Raises NotFound, StartRefused."""
+        version = self._lab.version(wish.model, wish.version)
+        model, number = version.model, version.record.number
+        layout = wish.layout(model.features.objects)
+        with self._lab.database.reading() as tx:
+            scene = wish.scene or Scene(models.get(tx, wish.model).table_height_m)
+        warnings = _warnings(wish, model)
+        pinned = Pinned(
+            uuid4().hex, wish.model, number, model.features.objects, model.names, layout, scene, warnings
+        )
+        token = secrets.token_urlsafe(24)
+        with self._lab.database.transaction() as tx:
+            sessions.create(
+                tx,
+                id_=pinned.session_id,
+                model=wish.model,
+                version=number,
+                token_hash=digest_of(token),
+                geometry=vars(wish.geometry),
+                channels=("t", *layout.channels) if layout.rate_hz else layout.channels,
+                name=wish.name,
+                start=_start(wish, scene),
+            )
+        return Opened(pinned, Recogniser(model, scene, rate=layout.rate_hz), token)
+
+    def write(self, entries: Sequence[Entry]) -> None:
+        """Make what sessions add durable, all of it or nothing."""
+        with self._lab.database.transaction() as tx:
+            for entry in entries:
+                sessions.append(
+                    tx,
+                    entry.session_id,
+                    first_seq=entry.first_seq,
+                    rows=np.concatenate(entry.rows).astype("<f8").tobytes() if entry.rows else b"",
+                    events=entry.events,
+                    ended=entry.ended,
+                )
+
+    def events(self, session_id: str, after: int) -> tuple[StoredEvent, ...]:
+        """Return the durable events after number ``after``. Raises NotFound."""
+        with self._lab.database.reading() as tx:
+            return sessions.events(tx, session_id, after=after)
+
+    def end(self, session_id: str) -> None:
+        """End a session that lives nowhere any more. Raises NotFound."""
+        with self._lab.database.transaction() as tx:
+            sessions.end(tx, session_id)
+
+
+def _warnings(wish: Wish, model: Model) -> tuple[tuple[str, str], ...]:
+    rate = model.features.rate
+    if wish.rate_hz is None or wish.rate_hz >= rate:
+        return ()
+    return (("low_rate", f"{wish.rate_hz:g} Hz is less than the {rate:g} Hz the model works at"),)
+
+
+def _start(wish: Wish, scene: Scene) -> dict[str, Any]:
+    return {
+        "version": wish.version,
+        "rate_hz": wish.rate_hz,
+        "objects": None if wish.objects is None else list(wish.objects),
+        "table_height_m": scene.table_height,
+        "encoding": wish.encoding,
+    }

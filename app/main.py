@@ -1,0 +1,56 @@
+"""The server: wires the rooms together."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+
+from fastapi import FastAPI
+
+from app.api import health, openapi, problems, stream
+from app.api.middleware import BodyLimit, RequestIds
+from app.registry.database import Database
+from app.registry.store import Store
+from app.service.lab import Lab
+from app.service.live import LiveSessions
+from app.service.session_store import SessionStore
+from app.settings import Settings
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """Return the server; settings: by default those of the environment."""
+    chosen = settings or Settings()
+    app = FastAPI(title="Gesta", lifespan=_lifespan(chosen), **openapi.DESCRIPTION)
+    for router in (
+        health.router,
+        stream.router,
+    ):
+        app.include_router(router)
+    problems.install(app)
+    app.add_middleware(BodyLimit, most=chosen.max_body_bytes)
+    app.add_middleware(RequestIds)
+    return app
+
+
+def open_lab(settings: Settings) -> Lab:
+    """Return the lab of these settings; the embedded database is migrated."""
+    database = Database(settings.database_url)
+    if database.embedded:
+        database.migrate()
+    return Lab(database, Store(settings.store_url))
+
+
+def _lifespan(settings: Settings) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        lab = await asyncio.to_thread(open_lab, settings)
+        live = LiveSessions(SessionStore(lab))
+        app.state.lab, app.state.live = lab, live
+        try:
+            yield
+        finally:
+            await live.drain()
+            lab.close()
+
+    return lifespan
