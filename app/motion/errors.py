@@ -3,7 +3,7 @@
 ::
 
     MotionError
-    ├── InvalidTrajectory     times or positions that are no trajectory; names the field and the frame
+    ├── InvalidTrajectory     times, positions or a scene that are none; names the field and the frame
     ├── InvalidSegment        a segment that does not lie in its trajectory
     ├── RoleMissing           an object that the feature specification needs is not there
     ├── UnusableDemonstration a demonstration from which nothing can be learned; names it
@@ -20,16 +20,18 @@ class MotionError(ValueError):
 
 
 class InvalidTrajectory(MotionError):
-    """Times or positions that are no trajectory.
+    """Times or positions that are no trajectory, or a scene that is none.
 
-    ``field`` is ``times``, ``hand`` or ``objects.<name>``; ``frame`` counts from 0, None where it is the
-    whole array that is wrong.
+    ``field`` is ``times``, ``hand``, ``objects.<name>`` or ``table_height``; ``frame`` counts from
+    0, None where it is no single frame that is wrong; ``code`` is stable: ``malformed``, ``non_finite``,
+    ``times_not_increasing`` or ``wrong_unit``.
     """
 
-    def __init__(self, field: str, frame: int | None, detail: str) -> None:
+    def __init__(self, field: str, frame: int | None, detail: str, code: str = "malformed") -> None:
         self.field = field
         self.frame = frame
         self.detail = detail
+        self.code = code
         super().__init__(f"{field}{'' if frame is None else f', frame {frame}'}: {detail}")
 
 

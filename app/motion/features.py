@@ -10,8 +10,10 @@ A movement from ``start`` to ``goal`` is described, frame by frame, by
 The **alignment** is the rotation that lays the goal on the first axis. The roll about that axis is free in
 space; the third axis stays in the plane of the movement and up. Where the movement is shorter than
 ``BLEND`` its direction means nothing, and where it is vertical its heading does; both are blended into a
-fixed heading there, so that features stay continuous when a movement shrinks to nothing or turns upright.
-Beyond ``BLEND`` the alignment is exact and turns with the world about up.
+fixed heading, the world's first axis, so that features stay continuous when a movement shrinks to nothing
+or turns upright. Beyond ``BLEND`` the alignment is exact and turns with the world about up. No alignment
+can do both without one place where it flips: it lies half of ``BLEND`` against the fixed heading, where a
+blend is nothing and the fixed heading stands in for it.
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ N_DEVIATIONS = 3
 BLEND = 5e-3
 """Length below which a movement's direction, or its heading, is blended into a fixed one [m]."""
 
+_NOTHING = 1e-12  # a vector shorter than this has no direction [m]
+
 
 @njit(cache=True, nogil=True)
 def alignment(start: Floats, goal: Floats) -> Floats:
@@ -37,17 +41,11 @@ def alignment(start: Floats, goal: Floats) -> Floats:
     """
     x, y, z = goal[0] - start[0], goal[1] - start[1], goal[2] - start[2]
     length, level = np.sqrt(x * x + y * y + z * z), np.sqrt(x * x + y * y)
-    along_x = x + max(0.0, BLEND - length)
-    scale = 1.0 / max(np.sqrt(along_x * along_x + y * y + z * z), 1e-300)
-    ax, ay, az = along_x * scale, y * scale, z * scale
-    heading_x = x + max(0.0, BLEND - level)
-    scale = 1.0 / max(np.sqrt(heading_x * heading_x + y * y), 1e-300)
-    hx, hy = heading_x * scale, y * scale
+    ax, ay, az = _direction(x + max(0.0, BLEND - length), y, z)
+    hx, hy, _ = _direction(x + max(0.0, BLEND - level), y, 0.0)
     # Sideways is level and square to the heading, then made square to the first axis.
     overlap = ay * hx - ax * hy
-    sx, sy, sz = -hy - overlap * ax, hx - overlap * ay, -overlap * az
-    scale = 1.0 / max(np.sqrt(sx * sx + sy * sy + sz * sz), 1e-300)
-    sx, sy, sz = sx * scale, sy * scale, sz * scale
+    sx, sy, sz = _direction(-hy - overlap * ax, hx - overlap * ay, -overlap * az)
     rotation = np.empty((3, 3))
     rotation[0, 0], rotation[0, 1], rotation[0, 2] = ax, ay, az
     rotation[1, 0], rotation[1, 1], rotation[1, 2] = sx, sy, sz
@@ -55,6 +53,15 @@ def alignment(start: Floats, goal: Floats) -> Floats:
     rotation[2, 1] = az * sx - ax * sz
     rotation[2, 2] = ax * sy - ay * sx
     return rotation
+
+
+@njit(cache=True, nogil=True)
+def _direction(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the unit vector along (x, y, z), the first axis where that is nothing."""
+    length = np.sqrt(x * x + y * y + z * z)
+    if length < _NOTHING:
+        return 1.0, 0.0, 0.0
+    return x / length, y / length, z / length
 
 
 def encode(hand: Floats, objects: Floats, table_height: float) -> Floats:

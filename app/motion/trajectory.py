@@ -21,6 +21,8 @@ Flags = NDArray[np.bool_]
 FARTHEST_M = 100.0
 """A position farther out than this is in a wrong unit [m]."""
 
+_TOO_FAR = f"lies over {FARTHEST_M:g} m away: a wrong length unit?"
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
@@ -39,9 +41,11 @@ class Trajectory:
         if times.ndim != 1 or len(times) == 0:
             raise InvalidTrajectory("times", None, f"needs one time per frame, has shape {times.shape}")
         if len(bad := np.flatnonzero(~np.isfinite(times))):
-            raise InvalidTrajectory("times", int(bad[0]), "is not a finite number of seconds")
-        if len(bad := np.flatnonzero(np.diff(times) <= 0)):
-            raise InvalidTrajectory("times", int(bad[0]) + 1, "must be later than the frame before it")
+            raise InvalidTrajectory("times", int(bad[0]), "is not a finite number of seconds", "non_finite")
+        if len(bad := np.flatnonzero(times[1:] <= times[:-1])):
+            raise InvalidTrajectory(
+                "times", int(bad[0]) + 1, "must be later than the frame before it", "times_not_increasing"
+            )
         objects = {
             name: _positions(f"objects.{name}", track, len(times)) for name, track in self.objects.items()
         }
@@ -60,9 +64,18 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Scene:
-    """What stands still: the height of the table top, table_height [m]."""
+    """What stands still: the height of the table top, table_height [m].
+
+    Raises InvalidTrajectory.
+    """
 
     table_height: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.table_height):
+            raise InvalidTrajectory("table_height", None, "is not a finite number of metres")
+        if abs(self.table_height) > FARTHEST_M:
+            raise InvalidTrajectory("table_height", None, _TOO_FAR)
 
 
 @dataclass(frozen=True)
@@ -130,7 +143,9 @@ def _positions(name: str, values: ArrayLike, n_frames: int) -> Floats:
     missing = np.isnan(positions)
     whole = missing.all(axis=1) | ~missing.any(axis=1)
     if len(bad := np.flatnonzero(~whole | np.isinf(positions).any(axis=1))):
-        raise InvalidTrajectory(name, int(bad[0]), "needs three finite coordinates, or none for a dropout")
+        raise InvalidTrajectory(
+            name, int(bad[0]), "needs three finite coordinates, or none for a dropout", "non_finite"
+        )
     if len(bad := np.flatnonzero((np.abs(positions) > FARTHEST_M).any(axis=1))):
-        raise InvalidTrajectory(name, int(bad[0]), f"lies over {FARTHEST_M:g} m away: a wrong length unit?")
+        raise InvalidTrajectory(name, int(bad[0]), _TOO_FAR, "wrong_unit")
     return positions
