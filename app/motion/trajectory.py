@@ -129,7 +129,10 @@ class Recording:
 
 def _floats(name: str, values: ArrayLike) -> Floats:
     try:
-        array: NDArray[Any] = np.array(values, dtype=np.float64, order="C")
+        given: NDArray[Any] = np.asarray(values)
+        if given.dtype.kind not in "biufO":
+            raise TypeError(f"holds {given.dtype}")
+        array = np.array(given, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
         raise InvalidTrajectory(name, None, "must be numbers in a regular array") from error
     array.setflags(write=False)
