@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import Any
 
 from fastapi import FastAPI
 
@@ -13,15 +14,15 @@ from app.api.middleware import BodyLimit, RequestIds
 from app.registry.database import Database
 from app.registry.store import Store
 from app.service.lab import Lab
-from app.service.live import LiveSessions
+from app.service.live import Limits, LiveSessions
 from app.service.session_store import SessionStore
 from app.settings import Settings
 
 
-def create_app(settings: Settings | None = None) -> FastAPI:
-    """Return the server; settings: by default those of the environment."""
+def create_app(settings: Settings | None = None, limits: Limits | None = None) -> FastAPI:
+    """Return the server; settings: by default those of the environment; limits: of its streams."""
     chosen = settings or Settings()
-    app = FastAPI(title="Gesta", lifespan=_lifespan(chosen), **openapi.DESCRIPTION)
+    app = FastAPI(title="Gesta", lifespan=_lifespan(chosen, limits or Limits()), **openapi.DESCRIPTION)
     for router in (
         health.router,
         stream.router,
@@ -41,14 +42,16 @@ def open_lab(settings: Settings) -> Lab:
     return Lab(database, Store(settings.store_url))
 
 
-def _lifespan(settings: Settings) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
+def _lifespan(
+    settings: Settings, limits: Limits
+) -> Callable[[FastAPI], AbstractAsyncContextManager[dict[str, Any]]]:
     @asynccontextmanager
-    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+    async def lifespan(app: FastAPI) -> AsyncIterator[dict[str, Any]]:
         lab = await asyncio.to_thread(open_lab, settings)
-        live = LiveSessions(SessionStore(lab))
+        live = LiveSessions(SessionStore(lab), limits)
         app.state.lab, app.state.live = lab, live
         try:
-            yield
+            yield {"drain": live.drain}
         finally:
             await live.drain()
             lab.close()

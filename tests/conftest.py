@@ -15,8 +15,12 @@ from uuid import uuid4
 import pytest
 from sqlalchemy import create_engine, make_url, text
 
+from app.motion.model import FeatureSpecification, Model
+from app.motion.simulation import demonstrations
+from app.motion.training import TrainingOptions, fit_model
 from app.registry.database import Database
 from app.registry.store import Store
+from tests.serving import Server, serving
 
 
 @pytest.fixture(scope="session")
@@ -74,3 +78,22 @@ def database(database_url: str) -> Iterator[Database]:
 def store(tmp_path: Path) -> Store:
     """An empty store."""
     return Store(tmp_path / "store")
+
+
+@pytest.fixture(scope="session")
+def trained() -> Model:
+    """A small model of the simulated protocol: four classes, one object."""
+    return fit_model(demonstrations(1), FeatureSpecification(("object",)), TrainingOptions(n_states=4))
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """The real server on an empty SQLite database; the tests of a module share it."""
+    with serving(tmp_path_factory.mktemp("server")) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def table_top(server: Server, trained: Model) -> str:
+    """The name of a model on the server that has a version."""
+    return server.teach(trained)
