@@ -1,0 +1,243 @@
+"""Log-likelihood ratios against hmmlearn, against every path, against plain numpy, and by their laws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hmmlearn.hmm import GaussianHMM
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import cauchy, norm
+
+from app.motion.features import BLEND, encode
+from app.motion.model import ActionModel, Background, FeatureSpecification, Model
+from app.motion.scoring import Indices, score_segments, states_of
+from app.motion.trajectory import Floats
+
+LAW = settings(derandomize=True, deadline=None, max_examples=50)
+
+TABLE = 0.7
+SENTINEL = 1e3
+"""Where hmmlearn's chain has to go at its end [m]: farther than anything else."""
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+class Motion(NamedTuple):
+    """Positions of a hand (n_frames, 3) and of objects (n_objects, n_frames, 3) [m]."""
+
+    hand: Floats
+    objects: Floats
+
+    def features(self, segment: Sequence[int]) -> Floats:
+        part = slice(segment[0], segment[1] + 1)
+        return encode(self.hand[part], self.objects[:, part], TABLE)
+
+
+def motion_of(rng: np.random.Generator, n_frames: int, n_objects: int = 1) -> Motion:
+    """Return a walk of about 2 cm a frame."""
+    hand = np.array([0.1, 0.2, TABLE]) + rng.normal(0.0, 0.02, (n_frames, 3)).cumsum(axis=0)
+    return Motion(hand, hand + rng.normal(0.0, 0.1, (n_objects, n_frames, 3)))
+
+
+def model_of(rng: np.random.Generator, n_states: Sequence[int], n_objects: int = 1) -> Model:
+    """Return a model with so many states in each of its classes."""
+    specification = FeatureSpecification(tuple(f"object_{index}" for index in range(n_objects)))
+    n_features = specification.n_features
+    actions = tuple(
+        ActionModel(
+            action=f"action_{index}",
+            means=rng.normal(0.0, 0.1, (n, n_features)),
+            variances=rng.uniform(0.02, 0.1, (n, n_features)) ** 2,
+            stay=rng.uniform(0.05, 0.95, n),
+            weights=np.ones(n),
+            durations=np.ones(2),
+        )
+        for index, n in enumerate(n_states)
+    )
+    background = Background(rng.normal(0.0, 0.1, n_features), rng.uniform(0.05, 0.2, n_features))
+    return Model(specification, actions, background)
+
+
+def segments_of(rng: np.random.Generator, n_frames: int, n_segments: int) -> Indices:
+    """Return (n_segments, 2) first and goal frames."""
+    return np.sort([rng.choice(n_frames, 2, replace=False) for _ in range(n_segments)], axis=1)
+
+
+def ratios(model: Model, motion: Motion, segments: Indices | Sequence[Sequence[int]]) -> Floats:
+    result: Floats = score_segments(*motion, TABLE, np.array(segments), states_of(model))
+    return result
+
+
+def log_densities(action: ActionModel, features: Floats) -> Floats:
+    """Return (n_frames, n_states) log-densities of what is not missing."""
+    scale = np.sqrt(action.variances)
+    result: Floats = np.nansum(norm.logpdf(features[:, None], action.means, scale), axis=2)
+    return result
+
+
+def background(model: Model, features: Floats) -> float:
+    """Return the log-density of what is not missing under the background."""
+    return float(np.nansum(cauchy.logpdf(features, model.background.location, model.background.scale)))
+
+
+def viterbi(action: ActionModel, features: Floats) -> float:
+    """Return the log-likelihood of the best path that starts in the first state and leaves the last."""
+    stay, advance = np.log(action.stay), np.log(1.0 - action.stay)
+    path = np.full(action.n_states, -np.inf)
+    for index, density in enumerate(log_densities(action, features)):
+        moved = np.concatenate([[0.0 if index == 0 else -np.inf], path[:-1] + advance[:-1]])
+        path = np.maximum(path + stay, moved) + density
+    return float(path[-1] + advance[-1])
+
+
+def by_hmmlearn(action: ActionModel, features: Floats) -> float:
+    """Return the same as hmmlearn finds it: a last state, SENTINEL, is reached by leaving the one before."""
+    n_states, n_features = action.means.shape
+    hmm = GaussianHMM(n_states + 1, "diag")
+    hmm.startprob_ = np.eye(n_states + 1)[0]
+    stay = np.append(action.stay, 1.0)
+    hmm.transmat_ = np.diag(stay) + np.diag(1.0 - action.stay, 1)
+    hmm.means_ = np.vstack([action.means, np.full(n_features, SENTINEL)])
+    hmm.covars_ = np.vstack([action.variances, np.ones(n_features)])
+    log_likelihood, _ = hmm.decode(np.vstack([features, np.full(n_features, SENTINEL)]))
+    return float(log_likelihood) - n_features * float(norm.logpdf(0.0))
+
+
+def by_enumeration(action: ActionModel, features: Floats) -> float:
+    """Return the same as the best of all paths."""
+    n_frames, density = len(features), log_densities(action, features)
+    found: list[float] = []
+    for entered in combinations(range(1, n_frames), action.n_states - 1):
+        states = np.searchsorted(entered, np.arange(n_frames), side="right")
+        left = np.append(np.diff(states) == 1, True)
+        steps = np.where(left, 1.0 - action.stay[states], action.stay[states])
+        found.append(float(np.log(steps).sum() + density[np.arange(n_frames), states].sum()))
+    return max(found)
+
+
+@LAW
+@given(seeds, st.integers(0, 3))
+def test_agrees_with_hmmlearn(seed: int, n_objects: int) -> None:
+    rng = np.random.default_rng(seed)
+    model, motion = model_of(rng, (1, 3, 8), n_objects), motion_of(rng, 40, n_objects)
+    segments = np.column_stack([rng.integers(0, 16, 4), rng.integers(24, 40, 4)])
+    for segment, of_segment in zip(segments.tolist(), ratios(model, motion, segments), strict=True):
+        features = motion.features(segment)
+        for action, ratio in zip(model.actions, of_segment, strict=True):
+            expected = by_hmmlearn(action, features) - background(model, features)
+            assert ratio == pytest.approx(expected, rel=1e-9, abs=1e-8)
+
+
+@LAW
+@given(seeds, st.integers(1, 4), st.integers(4, 8))
+def test_is_the_best_of_all_paths(seed: int, n_states: int, n_frames: int) -> None:
+    rng = np.random.default_rng(seed)
+    model, motion = model_of(rng, (n_states,)), motion_of(rng, n_frames)
+    features = motion.features((0, n_frames - 1))
+    [[ratio]] = ratios(model, motion, [(0, n_frames - 1)])
+    expected = by_enumeration(model.actions[0], features) - background(model, features)
+    assert ratio == pytest.approx(expected, abs=1e-9)
+
+
+@LAW
+@given(seeds)
+def test_missing_values_are_summed_out(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model, motion = model_of(rng, (3, 6), 2), motion_of(rng, 40, 2)
+    motion.hand[rng.random(40) < 0.3] = np.nan
+    motion.objects[rng.random((2, 40)) < 0.3] = np.nan
+    seen = np.flatnonzero(~np.isnan(motion.hand[:, 0]))
+    segments = seen[segments_of(rng, len(seen), 6)]
+    for segment, of_segment in zip(segments.tolist(), ratios(model, motion, segments), strict=True):
+        features = motion.features(segment)
+        expected = [viterbi(action, features) - background(model, features) for action in model.actions]
+        np.testing.assert_allclose(of_segment, expected, atol=1e-8)
+
+
+def test_a_frame_of_which_nothing_is_seen_adds_only_its_step() -> None:
+    rng = np.random.default_rng(1)
+    model, motion = model_of(rng, (1,)), motion_of(rng, 3)
+    motion.hand[1] = np.nan
+    ends = motion.features((0, 2))[[0, 2]]
+    [action] = model.actions
+    steps = 2.0 * np.log(action.stay[0]) + np.log(1.0 - action.stay[0])
+    expected = log_densities(action, ends).sum() + steps - background(model, ends)
+    assert ratios(model, motion, [(0, 2)])[0, 0] == pytest.approx(expected, abs=1e-9)
+
+
+@LAW
+@given(seeds, st.sampled_from([1000.0, 100.0, 39.37]))
+def test_the_unit_of_length_does_not_matter(seed: int, unit: float) -> None:
+    rng = np.random.default_rng(seed)
+    model, motion = model_of(rng, (2, 5)), motion_of(rng, 60)
+    segments = segments_of(rng, 60, 8)
+    lengths = np.linalg.norm(motion.hand[segments[:, 1]] - motion.hand[segments[:, 0]], axis=1)
+    segments = segments[lengths >= BLEND]
+    actions = tuple(
+        replace(action, means=unit * action.means, variances=unit**2 * action.variances)
+        for action in model.actions
+    )
+    scaled = Background(unit * model.background.location, unit * model.background.scale)
+    states = states_of(replace(model, actions=actions, background=scaled))
+    found = score_segments(unit * motion.hand, unit * motion.objects, unit * TABLE, segments, states)
+    np.testing.assert_allclose(found, ratios(model, motion, segments), atol=1e-8)
+
+
+@LAW
+@given(seeds)
+def test_segments_and_classes_do_not_depend_on_each_other(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model, motion = model_of(rng, (2, 5, 3)), motion_of(rng, 50)
+    segments = segments_of(rng, 50, 10)
+    whole, order = ratios(model, motion, segments), rng.permutation(10)
+    np.testing.assert_array_equal(ratios(model, motion, segments[order]), whole[order])
+    for index, segment in enumerate(segments):
+        np.testing.assert_array_equal(ratios(model, motion, [segment])[0], whole[index])
+    for index, action in enumerate(model.actions):
+        alone = replace(model, actions=(action,))
+        np.testing.assert_array_equal(ratios(alone, motion, segments)[:, 0], whole[:, index])
+
+
+@LAW
+@given(seeds)
+def test_frames_outside_a_segment_do_not_matter(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model, motion = model_of(rng, (2, 5)), motion_of(rng, 50)
+    [[start, goal]] = segments = segments_of(rng, 50, 1)
+    outside = np.ones(50, dtype=bool)
+    outside[start : goal + 1] = False
+    elsewhere = Motion(motion.hand.copy(), motion.objects.copy())
+    elsewhere.hand[outside] = np.nan
+    elsewhere.objects[:, outside] = 7.0
+    np.testing.assert_array_equal(ratios(model, elsewhere, segments), ratios(model, motion, segments))
+
+
+def test_fewer_frames_than_states_are_impossible() -> None:
+    rng = np.random.default_rng(2)
+    model, motion = model_of(rng, (1, 3)), motion_of(rng, 10)
+    found = ratios(model, motion, [(4, 4), (4, 5), (4, 6)])
+    np.testing.assert_array_equal(np.isfinite(found), [[True, False], [True, False], [True, True]])
+    assert (found[~np.isfinite(found)] == -np.inf).all()
+
+
+def test_no_segments_have_no_ratios() -> None:
+    rng = np.random.default_rng(2)
+    found = ratios(model_of(rng, (1, 3)), motion_of(rng, 10), np.empty((0, 2), dtype=np.int64))
+    assert found.shape == (0, 2)
+
+
+def test_threads_share_the_work_without_the_lock() -> None:
+    assert score_segments.targetoptions["nogil"]
+    rng = np.random.default_rng(4)
+    model, motion = model_of(rng, (4, 8)), motion_of(rng, 200)
+    segments = segments_of(rng, 200, 400)
+    with ThreadPoolExecutor(2) as threads:
+        halves = list(threads.map(lambda half: ratios(model, motion, half), np.split(segments, 2)))
+    np.testing.assert_array_equal(np.concatenate(halves), ratios(model, motion, segments))
