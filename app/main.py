@@ -9,7 +9,18 @@ from typing import Any
 
 from fastapi import FastAPI
 
-from app.api import health, openapi, problems, stream
+from app.api import (
+    demonstrations,
+    health,
+    jobs,
+    models,
+    openapi,
+    problems,
+    recognition,
+    stream,
+    trajectories,
+    versions,
+)
 from app.api.middleware import BodyLimit, RequestIds
 from app.registry.database import Database
 from app.registry.store import Store
@@ -23,11 +34,8 @@ def create_app(settings: Settings | None = None, limits: Limits | None = None) -
     """Return the server; settings: by default those of the environment; limits: of its streams."""
     chosen = settings or Settings()
     app = FastAPI(title="Gesta", lifespan=_lifespan(chosen, limits or Limits()), **openapi.DESCRIPTION)
-    for router in (
-        health.router,
-        stream.router,
-    ):
-        app.include_router(router)
+    for room in (models, demonstrations, versions, trajectories, recognition, jobs, stream, health):
+        app.include_router(room.router)
     problems.install(app)
     app.add_middleware(BodyLimit, most=chosen.max_body_bytes)
     app.add_middleware(RequestIds)

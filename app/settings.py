@@ -22,7 +22,7 @@ class Settings(BaseSettings):
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on; 0: any that is free.")
     job_worker: Literal["embedded", "none"] = Field(
         "embedded",
-        description="`embedded`: `gesta serve` starts the process that works on jobs; `none`: it runs elsewhere.",
+        description="`embedded`: `gesta serve` starts the worker process; `none`: it runs elsewhere.",
     )
     session_retention: timedelta = Field(
         timedelta(days=7),

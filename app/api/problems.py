@@ -33,6 +33,7 @@ TABLE: tuple[tuple[type[Exception], int, str], ...] = (
     (motion.UnknownAction, 404, "action_not_found"),
     (motion.InvalidRequest, 422, "invalid_request"),
     (motion.RoleMissing, 422, "role_missing"),
+    (motion.FitFailed, 422, "fit_failed"),
     (motion.MotionError, 422, "motion_refused"),
 )
 """The first that fits counts. NotFound, whose code names what was not found, stands apart."""
@@ -83,14 +84,26 @@ def _invalid(request: Request, error: Exception) -> Response:
     if not isinstance(error, RequestValidationError):
         raise error
     found = error.errors()
+    if found[0]["loc"] == ("body",) and not _declares_json(request):
+        detail = "the body must be JSON, declared as `Content-Type: application/json`"
+        return problem(415, CODES[415], detail, request_id=_id(request))
     malformed = any(item["type"] == "json_invalid" for item in found)
     places = [
-        {"pointer": _pointer(item["loc"]), "code": str(item["type"]), "detail": str(item["msg"])}
+        {"pointer": _pointer(item["loc"]), "code": str(item["type"]), "detail": _detail(item["msg"])}
         for item in found[:20]
     ]
     status, code = (400, "malformed") if malformed else (422, "invalid")
-    detail = "; ".join(f"{place['pointer']}: {place['detail']}" for place in places[:3])
+    detail = "; ".join(f"{place['pointer'] or 'the body'}: {place['detail']}" for place in places[:3])
     return problem(status, code, detail, places, request_id=_id(request))
+
+
+def _declares_json(request: Request) -> bool:
+    kind = request.headers.get("content-type", "").partition(";")[0].strip()
+    return kind == "application/json" or kind.endswith("+json")
+
+
+def _detail(message: str) -> str:
+    return message.removeprefix("Value error, ")
 
 
 def _pointer(place: Sequence[str | int]) -> str:

@@ -1,7 +1,7 @@
-"""Artifacts: models and demonstrations as canonical JSON, and back with everything checked.
+"""Artifacts: models, demonstrations and recordings as canonical JSON, and back with everything checked.
 
-A model's object has the fields of ``Model``, arrays as nested lists; a demonstration's has those of the
-wire's trajectory, in metres with Z up. Both say their ``format`` and ``format_version``; what they hold
+A model's object has the fields of ``Model``, arrays as nested lists; the others have those of the wire's
+trajectory, in metres with Z up. All say their ``format`` and ``format_version``; what they hold
 reads back bit for bit.
 """
 
@@ -11,14 +11,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.motion.errors import InvalidTrajectory
+from app.motion.errors import InvalidSegment, InvalidTrajectory
 from app.motion.model import ActionModel, FeatureSpecification, Model
-from app.motion.trajectory import Demonstration, Floats, Scene, Trajectory
+from app.motion.trajectory import Demonstration, Floats, Recording, Scene, Segment, Trajectory
 from app.registry import canonical
 from app.registry.errors import ArtifactInvalid
 
 MODEL = "gesta-model", 1
 DEMONSTRATION = "gesta-demonstration", 1
+RECORDING = "gesta-recording", 1
+
+MOTION_FIELDS = ("table_height_m", "t", "hand", "objects")
 
 Axis = Literal["states", "features", "demonstrations"]
 
@@ -51,34 +54,65 @@ def load_model(data: bytes) -> Model:
 
 def dump_demonstration(demonstration: Demonstration) -> bytes:
     """Return a demonstration as an artifact; a dropout is null."""
-    trajectory = demonstration.trajectory
-    fields = {
-        "action": demonstration.action,
-        "table_height_m": demonstration.scene.table_height,
-        "t": trajectory.times.tolist(),
-        "hand": _rows(trajectory.hand),
-        "objects": {name: _rows(track) for name, track in trajectory.objects.items()},
-    }
-    return _dump(DEMONSTRATION, fields)
+    motion = _plain_motion(demonstration.trajectory, demonstration.scene)
+    return _dump(DEMONSTRATION, {"action": demonstration.action, **motion})
 
 
 def load_demonstration(data: bytes) -> Demonstration:
     """Return the demonstration in an artifact. Raises ArtifactInvalid, naming the field."""
     fields = canonical.read(data, *DEMONSTRATION)
-    canonical.check_keys(fields, {"action", "table_height_m", "t", "hand", "objects"}, "")
+    canonical.check_keys(fields, {"action", *MOTION_FIELDS}, "")
+    return Demonstration(canonical.string(fields["action"], "action"), *_motion(fields))
+
+
+def dump_recording(recording: Recording) -> bytes:
+    """Return a recording with its labels as an artifact; a dropout is null."""
+    segments = [{"start": s.start, "end": s.end, "action": s.action} for s in recording.segments]
+    return _dump(RECORDING, {"segments": segments, **_plain_motion(recording.trajectory, recording.scene)})
+
+
+def load_recording(data: bytes) -> Recording:
+    """Return the recording in an artifact. Raises ArtifactInvalid, naming the field."""
+    fields = canonical.read(data, *RECORDING)
+    canonical.check_keys(fields, {"segments", *MOTION_FIELDS}, "")
+    trajectory, scene = _motion(fields)
+    labels = [
+        _segment(label, f"segments[{at}]") for at, label in enumerate(_list(fields["segments"], "segments"))
+    ]
+    try:
+        return Recording(trajectory, tuple(labels), scene)
+    except InvalidSegment as error:
+        raise ArtifactInvalid(f"segments[{error.index}]", str(error)) from error
+
+
+def _segment(label: Any, place: str) -> Segment:
+    canonical.check_keys(label, {"start", "end", "action"}, place)
+    start, end = (canonical.number(label[name], f"{place}.{name}") for name in ("start", "end"))
+    action = None if label["action"] is None else canonical.string(label["action"], f"{place}.action")
+    return Segment(int(start), int(end), action)
+
+
+def _plain_motion(trajectory: Trajectory, scene: Scene) -> dict[str, Any]:
+    return {
+        "table_height_m": scene.table_height,
+        "t": trajectory.times.tolist(),
+        "hand": _rows(trajectory.hand),
+        "objects": {name: _rows(track) for name, track in trajectory.objects.items()},
+    }
+
+
+def _motion(fields: dict[str, Any]) -> tuple[Trajectory, Scene]:
     objects = fields["objects"]
     if not isinstance(objects, dict):
         raise ArtifactInvalid("objects", "must be an object")
     times = [canonical.number(time, f"t[{at}]") for at, time in enumerate(_list(fields["t"], "t"))]
     tracks = {name: _track(rows, f"objects.{name}") for name, rows in objects.items()}
+    height = canonical.number(fields["table_height_m"], "table_height_m")
     try:
-        trajectory = Trajectory(np.array(times), _track(fields["hand"], "hand"), tracks)
+        return Trajectory(np.array(times), _track(fields["hand"], "hand"), tracks), Scene(height)
     except InvalidTrajectory as error:
-        raise ArtifactInvalid("t" if error.field == "times" else error.field, str(error)) from error
-    action = canonical.string(fields["action"], "action")
-    return Demonstration(
-        action, trajectory, Scene(canonical.number(fields["table_height_m"], "table_height_m"))
-    )
+        names = {"times": "t", "table_height": "table_height_m"}
+        raise ArtifactInvalid(names.get(error.field, error.field), str(error)) from error
 
 
 def _dump(format_: tuple[str, int], fields: dict[str, Any]) -> bytes:

@@ -55,6 +55,14 @@ class Database:
         """Whether the database is a file of this machine, with no server of its own."""
         return self._path is not None
 
+    @property
+    def engine_url(self) -> str:
+        """URL of the database of the job engine: a file beside this one, or the same PostgreSQL."""
+        url = self.url.set(drivername=self.url.get_backend_name())
+        if self._path is not None:
+            url = url.set(database=str(self._path.with_name(f"{self._path.stem}-jobs{self._path.suffix}")))
+        return url.render_as_string(hide_password=False)
+
     @contextmanager
     def transaction(self) -> Iterator[Session]:
         """Give a session to write with: committed at the end, rolled back if the block raises.
