@@ -17,6 +17,7 @@ import typer
 
 from app.api.stream_server import StreamServer, stream_config
 from app.main import create_app, open_lab
+from app.motion.warming import warm
 from app.registry.database import Database
 from app.service.worker import work
 from app.settings import Settings
@@ -71,6 +72,12 @@ def migrate() -> None:
     database = Database(Settings().database_url)
     database.migrate()
     database.close()
+
+
+@cli.command(name="warm")
+def warm_up() -> None:
+    """Compile what is compiled, so that nothing is when a server starts; for the build of an image."""
+    warm()
 
 
 @contextmanager

@@ -22,6 +22,7 @@ from app.api import (
     versions,
 )
 from app.api.middleware import BodyLimit, RequestIds
+from app.motion.warming import warm
 from app.registry.database import Database
 from app.registry.store import Store
 from app.service.lab import Lab
@@ -55,6 +56,7 @@ def _lifespan(
 ) -> Callable[[FastAPI], AbstractAsyncContextManager[dict[str, Any]]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[dict[str, Any]]:
+        await asyncio.to_thread(warm)
         lab = await asyncio.to_thread(open_lab, settings)
         live = LiveSessions(SessionStore(lab), limits)
         app.state.lab, app.state.live = lab, live
