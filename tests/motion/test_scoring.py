@@ -107,7 +107,7 @@ def by_hmmlearn(action: ActionModel, features: Floats) -> float:
     hmm.means_ = np.vstack([action.means, np.full(n_features, SENTINEL)])
     hmm.covars_ = np.vstack([action.variances, np.ones(n_features)])
     log_likelihood, _ = hmm.decode(np.vstack([features, np.full(n_features, SENTINEL)]))
-    return float(log_likelihood) - n_features * float(norm.logpdf(0.0))
+    return float(log_likelihood - n_features * norm.logpdf(0.0))
 
 
 def by_enumeration(action: ActionModel, features: Floats) -> float:
