@@ -17,6 +17,7 @@ from app.api import (
     openapi,
     problems,
     recognition,
+    sessions,
     stream,
     trajectories,
     versions,
@@ -27,6 +28,7 @@ from app.registry.database import Database
 from app.registry.store import Store
 from app.service.lab import Lab
 from app.service.live import Limits, LiveSessions
+from app.service.session_retention import keep_tidy
 from app.service.session_store import SessionStore
 from app.settings import Settings
 
@@ -35,7 +37,7 @@ def create_app(settings: Settings | None = None, limits: Limits | None = None) -
     """Return the server; settings: by default those of the environment; limits: of its streams."""
     chosen = settings or Settings()
     app = FastAPI(title="Gesta", lifespan=_lifespan(chosen, limits or Limits()), **openapi.DESCRIPTION)
-    for room in (models, demonstrations, versions, trajectories, recognition, jobs, stream, health):
+    for room in (models, demonstrations, versions, trajectories, recognition, jobs, sessions, stream, health):
         app.include_router(room.router)
     problems.install(app)
     app.add_middleware(BodyLimit, most=chosen.max_body_bytes)
@@ -60,9 +62,11 @@ def _lifespan(
         lab = await asyncio.to_thread(open_lab, settings)
         live = LiveSessions(SessionStore(lab), limits)
         app.state.lab, app.state.live = lab, live
+        tidying = asyncio.create_task(keep_tidy(live, settings.session_retention))
         try:
             yield {"drain": live.drain}
         finally:
+            tidying.cancel()
             await live.drain()
             lab.close()
 

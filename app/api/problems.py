@@ -15,6 +15,7 @@ from starlette.responses import JSONResponse, Response
 from app.motion import errors as motion
 from app.registry import errors as registry
 from app.service import errors as service
+from app.service import session_errors
 
 PROBLEM = "application/problem+json"
 
@@ -30,6 +31,7 @@ TABLE: tuple[tuple[type[Exception], int, str], ...] = (
     (service.ContentRefused, 422, "content_refused"),
     (service.NothingToTrain, 409, "nothing_to_train"),
     (service.RecordingGone, 410, "recording_gone"),
+    (session_errors.WriteFailed, 503, "write_failed"),
     (motion.UnknownAction, 404, "action_not_found"),
     (motion.InvalidRequest, 422, "invalid_request"),
     (motion.RoleMissing, 422, "role_missing"),
@@ -74,7 +76,12 @@ def install(app: FastAPI) -> None:
     """Let every error of the app become a problem."""
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _http)
-    for kind in (registry.RegistryError, service.ServiceError, motion.MotionError):
+    for kind in (
+        registry.RegistryError,
+        service.ServiceError,
+        session_errors.SessionError,
+        motion.MotionError,
+    ):
         app.add_exception_handler(kind, _refused)
     app.add_exception_handler(Exception, _failed)
 

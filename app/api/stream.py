@@ -15,9 +15,9 @@ from dataclasses import replace
 from typing import Any, NoReturn
 
 from fastapi import APIRouter, WebSocket
-from starlette.responses import JSONResponse
 from starlette.websockets import WebSocketDisconnect
 
+from app.api.problems import problem
 from app.api.stream_closing import Closing, Idle, NotReading, TooBig, closing_of
 from app.api.stream_messages import Control, End, Flush, Ping, Start, read, read_start
 from app.service.frames import Frames, Layout
@@ -54,10 +54,8 @@ async def stream(socket: WebSocket) -> None:
 
 
 async def _deny(socket: WebSocket, status: int, code: str, detail: str) -> None:
-    problem = {"type": "about:blank", "title": detail, "status": status, "detail": detail, "code": code}
     headers = {"Retry-After": "1"} if status == 503 else None
-    response = JSONResponse(problem, status, headers, media_type="application/problem+json")
-    await socket.send_denial_response(response)
+    await socket.send_denial_response(problem(status, code, detail, headers=headers))
 
 
 class _Wire:
@@ -81,8 +79,9 @@ class _Wire:
             raise WebSocketDisconnect(received["code"])
         message: str | bytes | None = received.get("text")
         message = received["bytes"] if message is None else message
-        if len(message) > self._limits.message_bytes:
-            raise TooBig(f"a message of {len(message)} bytes is longer than {self._limits.message_bytes}")
+        size = len(message) if isinstance(message, bytes) or message.isascii() else len(message.encode())
+        if size > self._limits.message_bytes:
+            raise TooBig(f"a message of {size} bytes is longer than {self._limits.message_bytes}")
         return message
 
     async def send(self, text: str) -> None:
@@ -149,7 +148,8 @@ class _Door:
         if start.resume is None:
             return await self._live.open(start.wish())
         resume = start.resume
-        return await self._live.resume(resume.session_id, resume.token, start.wish()), resume.token
+        hold = await self._live.resume(resume.session_id, resume.token, resume.last_event, start.wish())
+        return hold, resume.token
 
 
 class _Connection:
@@ -239,7 +239,7 @@ class _Connection:
                 return
 
     async def _all_told(self) -> None:
-        await self._session.settle()
+        await self._session.saved()
         await self._told.beyond(self._session.events.value - 1)
 
     async def _tell_events(self) -> None:
@@ -261,6 +261,6 @@ class _Connection:
 
     async def _drain(self) -> NoReturn:
         await self._live.draining.wait()
-        await self._wire.say("going_away", seconds_left=0)
+        await self._wire.say("going_away", seconds_left=self._live.limits.drain)
         await self._all_told()
         raise Restarting

@@ -128,9 +128,9 @@ def read(message: str | bytes, layout: Layout) -> Frames | Control:
     kind = parsed["type"]
     if kind == "frames":
         if unknown := parsed.keys() - FRAME_FIELDS:
-            raise MessageMalformed("malformed", f"`{min(unknown)}`: unknown field of `frames`")
-        columns = (parsed.get(field) for field in ("first_seq", "t", "hand"))
-        return from_columns(layout, *columns, parsed.get("objects", {}))
+            raise MessageMalformed("malformed", f"`{min(unknown)[:60]}`: unknown field of `frames`")
+        first_seq, times, hand = (parsed.get(field) for field in ("first_seq", "t", "hand"))
+        return from_columns(layout, first_seq, times, hand, parsed.get("objects", {}))
     if kind == "start":
         raise MessageMalformed("already_started", "the stream has been started")
     if kind not in _CONTROL:
@@ -153,5 +153,5 @@ def _parse(message: str) -> dict[str, Any]:
 
 def _refuse(error: ValidationError) -> NoReturn:
     first = error.errors(include_url=False, include_context=False)[0]
-    field = ".".join(str(part) for part in first["loc"])
+    field = ".".join(str(part) for part in first["loc"])[:60]
     raise MessageMalformed("malformed", f"`{field}`: {first['msg']}") from error

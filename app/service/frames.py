@@ -26,6 +26,10 @@ NO_TIMES: Floats = np.empty(0)
 NEEDS_FINITE = "needs three finite coordinates, or none for a dropout"
 LAST_SEQ = 2**53
 """No stream is longer: beyond it a JSON number is no longer exact."""
+LARGEST = 2**1023
+"""A whole number beyond this fits no float."""
+FARTHEST_S = 1e11
+"""A time farther out than this, over 3000 years, is in a wrong unit [s]."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,8 @@ def from_binary(layout: Layout, payload: bytes) -> Frames:
         code = "binary_cut_short" if len(payload) < wanted else "binary_too_long"
         raise MessageMalformed(
             code,
-            f"{n_frames} frames of {n_channels} {layout.encoding} channels take {wanted} bytes, got {len(payload)}",
+            f"{n_frames} frames of {n_channels} {layout.encoding} channels take {wanted} bytes, "
+            f"got {len(payload)}",
         )
     rows = np.frombuffer(payload, dtype, offset=HEADER.size).reshape(n_frames, n_channels).astype(np.float64)
     times = rows[:, 0] if layout.rate_hz is None else NO_TIMES
@@ -111,7 +116,7 @@ def from_columns(layout: Layout, first_seq: Any, times: Any, hand: Any, objects:
         )
     values = (hand, *(objects[name] for name in layout.objects))
     tracks = [_track(*pair, first_seq) for pair in zip(layout.tracks, values, strict=True)]
-    column = NO_TIMES if times is None else _numbers("t", times, 1)
+    column = NO_TIMES if times is None else _times(times, first_seq)
     lengths = {len(track) for track in tracks} | (set() if times is None else {len(column)})
     if len(lengths) > 1:
         raise MessageMalformed("malformed", "`t`, `hand` and every object need the same number of frames")
@@ -132,6 +137,8 @@ def settle(layout: Layout, frames: Frames, skip: int, last_time: float) -> Float
         check.none(~np.isfinite(times), "t", "non_finite", "is not a finite number of seconds")
         late = np.diff(times, prepend=last_time) <= 0
         check.none(late, "t", "times_not_increasing", "must be later than the frame before it")
+        far = np.abs(times) > FARTHEST_S
+        check.none(far, "t", "wrong_unit", f"lies over {FARTHEST_S:g} s from 0: a wrong unit of time?")
     positions = to_metres(frames.positions[skip:].reshape(-1, 3), layout.geometry).reshape(len(times), -1, 3)
     for index, field in enumerate(layout.tracks):
         check.track(positions[:, index], field)
@@ -161,25 +168,37 @@ def _frames(first_seq: int, times: Floats, positions: Floats) -> Frames:
 
 def _track(field: str, values: Any, first_seq: int) -> Floats:
     """Null is a dropout; NaN, which some writers of JSON let through, is not."""
-    if not isinstance(values, list) or None not in values:
-        track, dropout = _numbers(field, values, 2), np.False_
-    else:
-        track = _numbers(field, [[0.0] * 3 if value is None else value for value in values], 2)
-        dropout = np.array([value is None for value in values])[:, None]
+    rows: list[Any] = []
+    for index, value in enumerate(_list(field, values)):
+        if not (value is None or (type(value) is list and len(value) == 3 and all(map(_is_number, value)))):
+            raise _malformed(field, index, first_seq, "a position [x, y, z], or null for a dropout")
+        rows.append([0.0, 0.0, 0.0] if value is None else value)
+    track = np.array(rows, dtype=np.float64).reshape(-1, 3)
     _Check(first_seq).none(~np.isfinite(track).all(axis=1), field, "non_finite", NEEDS_FINITE)
-    return np.where(dropout, np.nan, track)
+    return np.where([[value is None] for value in values], np.nan, track)
 
 
-def _numbers(field: str, values: Any, n_dimensions: int) -> Floats:
-    """Plain JSON numbers only: numpy would also take texts, booleans and null for numbers."""
-    shape = "numbers" if n_dimensions == 1 else "positions [x, y, z] (null: a dropout)"
-    try:
-        array: NDArray[Any] = np.array(values)
-    except ValueError as error:
-        raise MessageMalformed("malformed", f"`{field}` must be a list of {shape}") from error
-    if array.ndim != n_dimensions or array.dtype.kind not in "fiu" or array.shape[1:] not in ((), (3,)):
-        raise MessageMalformed("malformed", f"`{field}` must be a list of {shape}")
-    return array.astype(np.float64, copy=False)
+def _times(values: Any, first_seq: int) -> Floats:
+    for index, value in enumerate(_list("t", values)):
+        if not _is_number(value):
+            raise _malformed("t", index, first_seq, "a number of seconds")
+    return np.array(values, dtype=np.float64)
+
+
+def _list(field: str, values: Any) -> list[Any]:
+    if type(values) is not list or not values:
+        raise MessageMalformed("malformed", f"`{field}` must be a list with an entry for each frame")
+    return values
+
+
+def _is_number(value: Any) -> bool:
+    """Plain JSON numbers only: numpy would also take texts and booleans for numbers."""
+    return type(value) is float or (type(value) is int and abs(value) <= LARGEST)
+
+
+def _malformed(field: str, index: int, first_seq: int, wanted: str) -> MessageMalformed:
+    detail = f"{field}, frame {index}: must be {wanted}"
+    return MessageMalformed("malformed", detail, at_seq=first_seq + index)
 
 
 @dataclass(frozen=True)
@@ -189,7 +208,7 @@ class _Check:
     seq: int
     place: int = 0
 
-    def none(self, bad: NDArray[np.bool_], field: str, code: str, detail: str) -> None:
+    def none(self, bad: NDArray[np.bool_] | np.bool_, field: str, code: str, detail: str) -> None:
         """Raise FramesRefused if any frame is bad; bad: (n_frames,)."""
         if bad.any():
             frame = int(np.argmax(bad))

@@ -30,5 +30,5 @@ def to_metres(positions: Floats, geometry: Geometry) -> Floats:
     """
     metres = positions / UNITS_PER_METRE[geometry.length_unit]
     if geometry.up_axis == "y":
-        metres = np.column_stack([metres[:, 0], -metres[:, 2], metres[:, 1]])
+        metres = np.column_stack([metres[:, 0], 0.0 - metres[:, 2], metres[:, 1]])
     return metres

@@ -15,7 +15,7 @@ from typing import Protocol
 
 from app.motion.trajectory import Floats
 from app.registry.records import StoredEvent
-from app.service.session_errors import WriteFailed
+from app.service.session_errors import SessionError, WriteFailed
 
 PAUSE = 0.4
 """Longest time that frames wait before they are written [s]."""
@@ -43,12 +43,16 @@ class Source(Protocol):
     def written(self, entry: Entry) -> None:
         """Learn that the entry is durable."""
 
-    def failed(self, error: Exception) -> None:
+    def failed(self, error: SessionError) -> None:
         """Learn that it could not be made durable."""
 
 
 class Journal:
-    """Writes the entries of all sessions of the process; ``write`` does it in one transaction."""
+    """Writes the entries of all sessions of the process.
+
+    ``write`` does it in one transaction. Where that fails each session gets one of its own, so that none
+    fails for another; what it raises is a SessionError if it is the session's own fault.
+    """
 
     def __init__(self, write: Callable[[Sequence[Entry]], None]) -> None:
         self._write = write
@@ -84,20 +88,23 @@ class Journal:
         self._any.clear()
         self._urgent.clear()
         entries = [source.collect() for source in sources]
-        if entries and await self._try(entries):
+        if entries and await self._try(entries) is None:
             for source, entry in zip(sources, entries, strict=True):
                 source.written(entry)
             return
         for source, entry in zip(sources, entries, strict=True):
-            if await self._try([entry]):
+            error = await self._try([entry])
+            if error is None:
                 source.written(entry)
             else:
-                source.failed(WriteFailed())
+                source.failed(error)
 
-    async def _try(self, entries: Sequence[Entry]) -> bool:
+    async def _try(self, entries: Sequence[Entry]) -> SessionError | None:
         try:
             await asyncio.to_thread(self._write, entries)
+        except SessionError as error:
+            return error
         except Exception:
             log.exception("%d sessions could not be written together", len(entries))
-            return False
-        return True
+            return WriteFailed()
+        return None

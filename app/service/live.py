@@ -1,4 +1,4 @@
-"""The sessions that live in this process: opened, attached to a connection, resumed, ended, expired.
+"""The sessions that live in this process: opened, attached to a connection, resumed, ended.
 
 At most one connection is attached to a session, the newest. A session without one waits ``Limits.resume``
 for the next and is ended then.
@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import logging
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
-from app.registry.records import StoredEvent
+from app.registry.records import SessionRecord, StoredEvent
 from app.service.journal import Journal
 from app.service.session import Session
 from app.service.session_errors import (
@@ -31,15 +32,22 @@ from app.service.tokens import digest_of
 POLL = 0.5
 """How often a session of another process is looked at [s]."""
 
+log = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True)
 class Limits:
-    """What a connection may ask of the server; times in seconds."""
+    """What a connection may ask of the server; times in seconds.
+
+    idle: without a message from the client; send: for a message to be taken; resume: between two
+    connections of a session; drain: for going away; keep_alive: between two comments in server-sent events.
+    """
 
     idle: float = 60.0
     send: float = 10.0
     resume: float = 600.0
     drain: float = 5.0
+    keep_alive: float = 15.0
     sessions: int = 500
     message_bytes: int = 1 << 20
     message_frames: int = 4096
@@ -64,7 +72,7 @@ class Attachment:
         raise await asyncio.shield(self._reason)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Place:
     session: Session
     token_digest: str
@@ -95,19 +103,20 @@ class LiveSessions:
         self._places[opened.pinned.session_id] = place
         return self._attach(place), opened.token
 
-    async def resume(self, session_id: str, token: str, wish: Wish) -> Attachment:
+    async def resume(self, session_id: str, token: str, last_event: int, wish: Wish) -> Attachment:
         """Attach a new connection to a session; the one before it is told that it was taken over.
 
-        Raises SessionGone, TokenRefused, StartRefused if the wish is not that of the session, Restarting.
+        last_event: the last that the client has. Raises SessionGone, TokenRefused, StartRefused if the wish
+        is not that of the session, Restarting.
         """
         if self.draining.is_set():
             raise Restarting
         place = self._places.get(session_id)
-        if place is None:
+        if place is None or place.session.failure is not None:
             raise SessionGone(session_id)
         if not hmac.compare_digest(place.token_digest, digest_of(token)):
             raise TokenRefused
-        self._check_same(place.session, wish)
+        self._check_same(place.session, wish, last_event)
         while place.attachment is not None:
             former = place.attachment
             former.revoke(TakenOver())
@@ -117,8 +126,10 @@ class LiveSessions:
         return self._attach(place)
 
     def leave(self, attachment: Attachment) -> None:
-        """Give the hold back; from now on the session waits to be resumed."""
+        """Give the hold back; from now on the session waits to be resumed, unless it has failed."""
         attachment.left.set()
+        if attachment.session.failure is not None:
+            self.abandon(attachment.session)
         place = self._places.get(attachment.session.pinned.session_id)
         if place is None or place.attachment is not attachment:
             return
@@ -127,41 +138,46 @@ class LiveSessions:
 
     def abandon(self, session: Session) -> None:
         """Give up a session that cannot go on; what is durable of it stays."""
-        self._places.pop(session.pinned.session_id, None)
-        session.failed(SessionGone(session.pinned.session_id))
-        self._start(asyncio.to_thread(self.store.end, session.pinned.session_id))
+        gone = SessionGone(session.pinned.session_id)
+        if self._places.pop(gone.session_id, None) is not None:
+            session.failed(gone)
+            self._start(asyncio.to_thread(self.store.end, gone.session_id))
 
     def get(self, session_id: str) -> Session | None:
         """Return the session if it lives here."""
         place = self._places.get(session_id)
         return place.session if place else None
 
-    async def end(self, session_id: str) -> None:
-        """End a session wherever it is; one that has ended stays so. Raises NotFound."""
-        session = self.get(session_id)
-        if session is not None:
-            await session.end()
+    async def end(self, session_id: str) -> SessionRecord:
+        """End a session wherever it is; one that has ended stays so. Raises NotFound, WriteFailed."""
+        if (session := self.get(session_id)) is not None:
+            with suppress(SessionGone):
+                await session.end()
         else:
             await asyncio.to_thread(self.store.end, session_id)
+        return await asyncio.to_thread(self.store.get, session_id)
 
     async def events(self, session_id: str, after: int) -> AsyncIterator[StoredEvent]:
         """Yield the durable events after number ``after`` as they come; ``ended`` is the last."""
-        while not self.draining.is_set():
+        active = True
+        while active:
             if (session := self.get(session_id)) is not None:
                 async for stored in session.events_after(after):
                     yield stored
                 return
-            for stored in await asyncio.to_thread(self.store.events, session_id, after):
-                yield stored
-                after = stored.event
-                if stored.type == "ended":
-                    return
-            await self.pause(POLL)
+            active = (await asyncio.to_thread(self.store.get, session_id)).state == "active"
+            while found := await asyncio.to_thread(self.store.events, session_id, after):
+                for stored in found:
+                    yield stored
+                    after = stored.event
+            if active:
+                await asyncio.sleep(POLL)
 
-    async def pause(self, seconds: float) -> None:
-        """Wait so long, or until the server goes away."""
-        with suppress(TimeoutError):
-            await asyncio.wait_for(self.draining.wait(), seconds)
+    def touch(self) -> tuple[str, ...]:
+        """Let the database know which sessions live here; return their ids."""
+        for place in self._places.values():
+            place.session.touch()
+        return tuple(self._places)
 
     async def drain(self) -> None:
         """Let every connection go in order, make everything durable and stop; safe to call again."""
@@ -186,27 +202,38 @@ class LiveSessions:
         return place.attachment
 
     def _make_room(self) -> None:
+        """Where all places are taken, one that waits is given up: an ended one, else the longest waiting."""
         if self.draining.is_set():
             raise Restarting
         if len(self._places) < self.limits.sessions:
             return
-        waiting = next((place for place in self._places.values() if place.attachment is None), None)
-        if waiting is None:
+        waiting = [(place, place.expiry) for place in self._places.values() if place.expiry is not None]
+        if not waiting:
             raise TooManySessions(self.limits.sessions)
-        self._expire(waiting)
+        self._expire(min(waiting, key=lambda pair: (not pair[0].session.ended, pair[1].when()))[0])
 
     def _expire(self, place: _Place) -> None:
+        if place.expiry is not None:
+            place.expiry.cancel()
         self._places.pop(place.session.pinned.session_id, None)
         self._start(place.session.end())
 
     def _start(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.create_task(work)
         self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        task.add_done_callback(self._finished)
 
-    def _check_same(self, session: Session, wish: Wish) -> None:
+    def _finished(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            log.error("a session could not be ended", exc_info=error)
+
+    def _check_same(self, session: Session, wish: Wish, last_event: int) -> None:
         pinned = session.pinned
         layout = replace(wish.layout(pinned.roles), encoding=pinned.layout.encoding)
         if (wish.model, layout, wish.scene or pinned.scene) != (pinned.model, pinned.layout, pinned.scene):
             detail = "model, geometry, rate_hz, objects and scene must be those of the session's first start"
+            raise StartRefused("resume_mismatch", detail)
+        if last_event >= session.events.value:
+            detail = f"`last_event` {last_event} has not been: {session.events.value} events have"
             raise StartRefused("resume_mismatch", detail)

@@ -46,7 +46,11 @@ def gap(event: Gap) -> dict[str, Any]:
 def hypothesis(found: Hypothesis) -> str:
     """Return a ``hypothesis`` message."""
     actions = [
-        {"action": action, "posterior": posterior, "progress": found.progress.get(action)}
+        {
+            "action": action,
+            "posterior": posterior,
+            "progress": None if action is None else found.progress[action],
+        }
         for action, posterior in found.posteriors.items()
     ]
     return as_json(

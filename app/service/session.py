@@ -24,7 +24,7 @@ from app.service import messages
 from app.service.frames import Frames, Layout, settle, trajectory
 from app.service.journal import Entry, Journal
 from app.service.mark import Mark
-from app.service.session_errors import FramesMissing, MessageMalformed
+from app.service.session_errors import FramesMissing, MessageMalformed, SessionError
 
 BATCH = 16
 """Frames that are computed before other sessions have their turn."""
@@ -64,6 +64,7 @@ class Session:
         self.frames_durable = Mark(0)
         self.events = Mark(0)
         self.ended = False
+        self.failure: SessionError | None = None
         self._recogniser = recogniser
         self._journal = journal
         self._read_events = read_events
@@ -99,7 +100,7 @@ class Session:
             await asyncio.sleep(0)
         await self.frames_durable.beyond(self.next_seq - UNWRITTEN - 1)
 
-    async def settle(self) -> None:
+    async def saved(self) -> None:
         """Return once all that was taken in and decided is durable."""
         if self.frames_durable.value < self.next_seq or self.events.value < self._n_events:
             self._journal.note(self, urgent=True)
@@ -109,31 +110,22 @@ class Session:
     async def end(self, last_seq: int | None = None) -> None:
         """End the session: decide what is open; ``ended`` becomes its last event.
 
-        Raises FramesMissing if frame ``last_seq`` was not received.
+        Raises FramesMissing if frame ``last_seq`` was not received, MessageMalformed if later ones were.
         """
-        if self.ended:
-            return
-        if last_seq is not None and last_seq >= self.next_seq:
-            raise FramesMissing(self.next_seq, last_seq)
-        if last_seq is not None and last_seq < self.next_seq - 1:
-            raise MessageMalformed(
-                "malformed",
-                f"`last_seq` {last_seq} lies before frame {self.next_seq - 1}, which was received",
-            )
-        self._record(self._recogniser.finish())
-        self._add("ended", {"segments": self._n_segments, "frames": self.next_seq})
-        self.ended = True
-        await self.settle()
+        if not self.ended:
+            self._check_last(last_seq)
+            self._record(self._recogniser.finish())
+            self._add("ended", {"segments": self._n_segments, "frames": self.next_seq})
+            self.ended = True
+        await self.saved()
 
     async def events_after(self, event: int) -> AsyncIterator[StoredEvent]:
         """Yield the durable events after ``event`` (-1: from the first), as they come, ``ended`` the last."""
-        while True:
+        while not self.ended or event < self._n_events - 1:
             await self.events.beyond(event + 1)
             for stored in await self._stored_after(event):
                 yield stored
                 event = stored.event
-                if stored.type == "ended":
-                    return
 
     async def hypotheses(self, rate_hz: float) -> AsyncIterator[str]:
         """Yield the hypothesis of the moment as JSON text after new frames; rate_hz: at most [Hz]."""
@@ -169,10 +161,23 @@ class Session:
         self.events.advance(self.events.value + len(entry.events))
         self.moved.advance(self.moved.value + 1)
 
-    def failed(self, error: Exception) -> None:
+    def touch(self) -> None:
+        """Let the database know that the session is alive."""
+        if not self.ended:
+            self._journal.note(self, urgent=False)
+
+    def failed(self, error: SessionError) -> None:
         """End everybody's wait: the session cannot keep its promises any more."""
+        self.failure = error
         for mark in (self.taken, self.moved, self.frames_durable, self.events):
             mark.fail(error)
+
+    def _check_last(self, last_seq: int | None) -> None:
+        if last_seq is not None and last_seq >= self.next_seq:
+            raise FramesMissing(self.next_seq, last_seq)
+        if last_seq is not None and last_seq < self.next_seq - 1:
+            detail = f"`last_seq` {last_seq} lies before frame {self.next_seq - 1}, which was received"
+            raise MessageMalformed("malformed", detail)
 
     def _push(self, rows: Floats) -> None:
         layout, roles = self.pinned.layout, self.pinned.roles

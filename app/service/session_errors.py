@@ -51,6 +51,7 @@ class SessionGone(SessionError):
     """No session to resume."""
 
     def __init__(self, session_id: str) -> None:
+        self.session_id = session_id
         super().__init__("session_gone", f"session {session_id!r} has ended, has expired or never was")
 
 

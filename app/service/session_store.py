@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 from uuid import uuid4
 
@@ -14,14 +16,23 @@ from app.motion.model import Model
 from app.motion.recogniser import Recogniser
 from app.motion.trajectory import Scene
 from app.registry import models, sessions
-from app.registry.records import StoredEvent
+from app.registry.errors import OutOfOrder
+from app.registry.records import SessionRecord, SessionState, StoredEvent
 from app.service.frames import Encoding, Layout
 from app.service.geometry import Geometry
 from app.service.journal import Entry
 from app.service.lab import Lab
+from app.service.messages import as_json
 from app.service.session import Pinned
-from app.service.session_errors import StartRefused
+from app.service.session_errors import SessionGone, StartRefused, WriteFailed
 from app.service.tokens import digest_of
+
+MOST_EVENTS = 1000
+"""Events read at once."""
+PAGE = 500
+"""Sessions looked at at once."""
+ATTEMPTS = 5
+"""How often the end of a session is tried while another process adds to it."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +108,14 @@ class SessionStore:
         return Opened(pinned, Recogniser(model, scene, rate=layout.rate_hz), token)
 
     def write(self, entries: Sequence[Entry]) -> None:
-        """Make what sessions add durable, all of it or nothing."""
+        """Make what sessions add durable, all of it or nothing.
+
+        Raises SessionGone for a session that was ended from outside meanwhile.
+        """
         with self._lab.database.transaction() as tx:
             for entry in entries:
+                if sessions.get(tx, entry.session_id).state != "active":
+                    raise SessionGone(entry.session_id)
                 sessions.append(
                     tx,
                     entry.session_id,
@@ -109,15 +125,58 @@ class SessionStore:
                     ended=entry.ended,
                 )
 
-    def events(self, session_id: str, after: int) -> tuple[StoredEvent, ...]:
-        """Return the durable events after number ``after``. Raises NotFound."""
+    def get(self, session_id: str) -> SessionRecord:
+        """Return what is durable of a session. Raises NotFound."""
         with self._lab.database.reading() as tx:
-            return sessions.events(tx, session_id, after=after)
+            return sessions.get(tx, session_id)
+
+    def events(self, session_id: str, after: int) -> tuple[StoredEvent, ...]:
+        """Return the first ``MOST_EVENTS`` of the durable events after number ``after``. Raises NotFound."""
+        with self._lab.database.reading() as tx:
+            return sessions.events(tx, session_id, after=after, limit=MOST_EVENTS)
 
     def end(self, session_id: str) -> None:
-        """End a session that lives nowhere any more. Raises NotFound."""
+        """End a session that lives elsewhere or nowhere any more. Raises NotFound."""
+        self._close(session_id, "ended")
+
+    def expire(self, last_seen_before: datetime, living: Collection[str]) -> int:
+        """Expire active sessions that no process has seen since then; return how many.
+
+        living: ids of those that live in this process.
+        """
+        token, ids = None, []
+        while True:
+            with self._lab.database.reading() as tx:
+                page = sessions.page(tx, size=PAGE, after=token, state="active")
+            ids += [record.id for record in page.records if record.last_seen_at < last_seen_before]
+            if (token := page.next_token) is None:
+                break
+        return sum(self._close(id_, "expired", last_seen_before) for id_ in ids if id_ not in living)
+
+    def drop_frames(self, last_seen_before: datetime) -> int:
+        """Drop the frames of sessions that are over and were last seen before then; return how many."""
         with self._lab.database.transaction() as tx:
-            sessions.end(tx, session_id)
+            return sessions.drop_frames(tx, last_seen_before=last_seen_before)
+
+    def _close(self, session_id: str, state: SessionState, last_seen_before: datetime | None = None) -> bool:
+        """End a session that this process does not feed; return whether it was active, and seen no later.
+
+        What was open in its recogniser is lost; ``ended`` still becomes its last event. Another process may
+        add to the session at the same moment: then once more from the start.
+        """
+        for _ in range(ATTEMPTS):
+            with suppress(OutOfOrder), self._lab.database.transaction() as tx:
+                record = sessions.get(tx, session_id)
+                seen = last_seen_before is not None and record.last_seen_at >= last_seen_before
+                if record.state != "active" or seen:
+                    return False
+                fields = {"segments": record.n_segments, "frames": record.n_frames}
+                text = as_json({"type": "ended", "event": record.n_events, **fields})
+                last = StoredEvent(record.n_events, "ended", text)
+                sessions.append(tx, session_id, first_seq=record.n_frames, events=[last])
+                sessions.end(tx, session_id, state)
+                return True
+        raise WriteFailed
 
 
 def _warnings(wish: Wish, model: Model) -> tuple[tuple[str, str], ...]:
