@@ -52,6 +52,11 @@ class Words(TypeDecorator[str]):
     impl = Text
     cache_ok = True
 
+    @property
+    def python_type(self) -> type[str]:
+        """What a value of it is in Python."""
+        return str
+
     def process_bind_param(self, value: str | None, _dialect: Dialect) -> str | None:
         """Replace what cannot be held."""
         return None if value is None else _UNHELD.sub("\ufffd", value)

@@ -69,7 +69,7 @@ class Lab:
             try:
                 ping()
             except Exception as error:
-                log.warning("%s is not ready", name, exc_info=error)
+                log.warning("%s is not ready: %s", name, error)
                 found[name] = type(error).__name__
             else:
                 found[name] = "ok"
