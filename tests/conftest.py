@@ -22,6 +22,25 @@ from app.registry.database import Database
 from app.registry.store import Store
 from tests.serving import Server, serving
 
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+DESELECTED = pytest.StashKey[int]()
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Deselect the tests that read the data beside the project where there is none."""
+    if SHARED.is_dir():
+        return
+    deselected = [item for item in items if item.get_closest_marker("shared")]
+    items[:] = [item for item in items if item not in deselected]
+    config.hook.pytest_deselected(items=deselected)
+    config.stash[DESELECTED] = len(deselected)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Say how many tests did not run for want of the data."""
+    if count := config.stash.get(DESELECTED, 0):
+        terminalreporter.write_line(f"../shared/data is absent: {count} tests that read it did not run")
+
 
 @pytest.fixture(scope="session")
 def postgresql_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
