@@ -16,6 +16,7 @@ from typing import Annotated
 import typer
 
 from app.api.stream_server import StreamServer, stream_config
+from app.demo import demo
 from app.main import create_app, open_lab
 from app.motion.warming import warm
 from app.registry.database import Database
@@ -78,6 +79,9 @@ def migrate() -> None:
 def warm_up() -> None:
     """Compile what is compiled, so that nothing is when a server starts; for the build of an image."""
     warm()
+
+
+cli.command()(demo)
 
 
 @contextmanager
