@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 from uuid import uuid4
@@ -57,18 +57,29 @@ def postgresql_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     server.cleanup()
 
 
-@pytest.fixture
-def postgresql_database_url(postgresql_url: str) -> Iterator[str]:
-    """URL of an empty PostgreSQL database."""
-    name = f"gesta_{uuid4().hex}"
+@pytest.fixture(scope="session")
+def new_postgresql_database(postgresql_url: str) -> Iterator[Callable[[], str]]:
+    """Make an empty PostgreSQL database, which is dropped in the end; return its URL."""
     url = make_url(postgresql_url).set(drivername="postgresql+psycopg")
-    engine = create_engine(url, isolation_level="AUTOCOMMIT")
+    engine, names = create_engine(url, isolation_level="AUTOCOMMIT"), list[str]()
+
+    def create() -> str:
+        names.append(f"gesta_{uuid4().hex}")
+        with engine.connect() as connection:
+            connection.execute(text(f"CREATE DATABASE {names[-1]}"))
+        return url.set(database=names[-1]).render_as_string(hide_password=False)
+
+    yield create
     with engine.connect() as connection:
-        connection.execute(text(f"CREATE DATABASE {name}"))
-    yield url.set(database=name).render_as_string(hide_password=False)
-    with engine.connect() as connection:
-        connection.execute(text(f"DROP DATABASE {name} WITH (FORCE)"))
+        for name in names:
+            connection.execute(text(f"DROP DATABASE {name} WITH (FORCE)"))
     engine.dispose()
+
+
+@pytest.fixture
+def postgresql_database_url(new_postgresql_database: Callable[[], str]) -> str:
+    """URL of an empty PostgreSQL database."""
+    return new_postgresql_database()
 
 
 @pytest.fixture

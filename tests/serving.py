@@ -87,6 +87,7 @@ def serving(
     given = {"database_url": database_url, "store_url": folder / "store", **settings}
     environment = {f"GESTA_{name.upper()}": str(value) for name, value in given.items()}
     log, database = folder / "server.log", Database(database_url)
+    database.migrate()
     with socket.create_server(("127.0.0.1", 0)) as listener, log.open("ab") as output:
         url = f"http://127.0.0.1:{listener.getsockname()[1]}"
         command = [sys.executable, "-W", "error", "-m", "tests.serving", str(listener.fileno())]

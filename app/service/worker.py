@@ -28,6 +28,7 @@ from app.service.training import Progress
 QUEUE = "jobs"
 POLL = 0.2
 """How often new jobs are looked for [s]."""
+INTERNAL = "internal"
 TOLD = 0.2
 """Shortest time between two reports of progress [s]."""
 
@@ -88,9 +89,10 @@ def _do(lab: Lab, job_id: str) -> None:
         with lab.database.transaction() as tx:
             jobs.cancel(tx, job_id)
     except Exception as error:
-        log.warning("job %s failed", job_id, exc_info=error)
+        told = _problem(error)
+        log.warning("job %s failed: %s", job_id, told["code"], exc_info=told["code"] == INTERNAL)
         with lab.database.transaction() as tx:
-            jobs.fail(tx, job_id, _problem(error))
+            jobs.fail(tx, job_id, told)
     else:
         with lab.database.transaction() as tx:
             jobs.succeed(tx, job_id, result)
@@ -120,4 +122,4 @@ def _problem(error: Exception) -> dict[str, str]:
     if isinstance(error, MotionError | RegistryError | ServiceError):
         code = re.sub(r"(?<!^)(?=[A-Z])", "_", type(error).__name__).lower()
         return {"code": code, "detail": str(error)}
-    return {"code": "internal", "detail": "the job has failed; this is not the client's fault"}
+    return {"code": INTERNAL, "detail": "the job has failed; this is not the client's fault"}
