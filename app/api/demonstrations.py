@@ -28,18 +28,18 @@ from app.service import models, uploads
 
 router = APIRouter(prefix="/v1/models/{model}/demonstrations", tags=["demonstrations"])
 
+
+def _reach(lift: float) -> JsonDict:
+    """Return a small grasp for the example: half a second, lifted a little on its way [m]."""
+    share = [step / 24 for step in range(25)]
+    hand = [[0.0, round(0.36 * s, 4), round(0.02 + lift * s * (1 - s), 4)] for s in share]
+    motion: JsonDict = {"rate_hz": 50, "hand": [*hand], "objects": {"object": [[0.0, 0.36, 0.0]] * 25}}
+    return {"action": "grasp", "trajectory": motion}
+
+
 EXAMPLE: JsonDict = {
     "geometry": {"length_unit": "m", "up_axis": "z"},
-    "demonstrations": [
-        {
-            "action": "grasp",
-            "trajectory": {
-                "rate_hz": 50,
-                "hand": [[0.0, 0.03 * step, 0.02 + 0.01 * step] for step in range(13)],
-                "objects": {"object": [[0.0, 0.36, 0.1]] * 13},
-            },
-        }
-    ],
+    "demonstrations": [_reach(0.1), _reach(0.14)],
 }
 
 

@@ -49,6 +49,8 @@ class NewModel(Request):
 class ModelChanges(Request):
     """What can be changed of a model; what is not named stays."""
 
+    model_config = ConfigDict(json_schema_extra={"examples": [{"description": "The lab's table."}]})
+
     description: str | None = Field(None, max_length=2000)
     table_height_m: Height = 0.0
 

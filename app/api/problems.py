@@ -48,6 +48,9 @@ CODES = {
     415: "unsupported_media_type",
 }
 
+WIRE_NAMES = {"rate": "rate_hz", "duration": "duration_s"}
+"""Fields of requests that the core, which writes units into its docstrings, calls otherwise."""
+
 log = logging.getLogger(__name__)
 
 
@@ -141,7 +144,8 @@ def _places(error: Exception) -> list[dict[str, str]]:
     if isinstance(error, service.ContentRefused):
         return [vars(issue) for issue in error.issues]
     if isinstance(error, motion.InvalidRequest):
-        return [{"pointer": f"/{error.field}", "code": "invalid_request", "detail": str(error)}]
+        pointer = f"/{WIRE_NAMES.get(error.field, error.field)}"
+        return [{"pointer": pointer, "code": "invalid_request", "detail": str(error)}]
     return []
 
 
