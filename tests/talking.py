@@ -68,6 +68,21 @@ class Talk:
             if message["type"] == kind:
                 return message
 
+    def hear_event(self) -> Message:
+        """Return the next durable event."""
+        while True:
+            message = self._next()
+            assert message is not None, f"no event before {self.closed_with}: {self.heard[-3:]}"
+            if "event" in message:
+                return message
+
+    def waiting(self) -> list[Message]:
+        """Return the messages that have arrived."""
+        before = len(self.heard)
+        while self._next(wait=0.0) is not None:
+            pass
+        return self.heard[before:]
+
     def rest(self) -> list[Message]:
         """Return the messages up to the close of the connection."""
         before = len(self.heard)
@@ -85,10 +100,13 @@ class Talk:
         assert error["type"] == "error"
         return self.closed_with, error["code"], error
 
-    def _next(self) -> Message | None:
+    def _next(self, wait: float = WAIT_S) -> Message | None:
         try:
-            text = self.socket.recv(WAIT_S)
+            text = self.socket.recv(wait)
         except ConnectionClosed:
+            return None
+        except TimeoutError:
+            assert wait == 0.0, "the server says nothing"
             return None
         message = checked(text)
         self.heard.append(message)
@@ -128,9 +146,7 @@ def binary(first_seq: int, rows: np.ndarray[Any, Any], dtype: str = "<f8") -> by
     return struct.pack("<QII", first_seq, *rows.shape) + rows.astype(dtype).tobytes()
 
 
-def expected(
-    model: Model, motion: Trajectory, rate: float | None = None, version: int = 1
-) -> list[Message]:
+def expected(model: Model, motion: Trajectory, rate: float | None = None, version: int = 1) -> list[Message]:
     """Return the durable events but ``ended`` that a stream of these frames must give, bit for bit."""
     recogniser = Recogniser(model, rate=rate)
     found: list[Message] = []

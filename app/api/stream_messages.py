@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, NoReturn
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from app.api.stream_server import NOT_UTF8
 from app.service.frames import Frames, Layout, from_binary, from_columns
 from app.service.geometry import Geometry
 from app.service.session_errors import MessageMalformed
@@ -145,7 +146,8 @@ def _parse(message: str) -> dict[str, Any]:
     try:
         parsed = json.loads(message)
     except (ValueError, RecursionError) as error:
-        raise MessageMalformed("malformed", f"not JSON: {error}") from error
+        detail = "not UTF-8" if message == NOT_UTF8 else f"not JSON: {error}"
+        raise MessageMalformed("malformed", detail) from error
     if not isinstance(parsed, dict) or not isinstance(parsed.get("type"), str):
         raise MessageMalformed("malformed", "a message is a JSON object with a `type`")
     return parsed

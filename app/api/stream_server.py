@@ -16,12 +16,26 @@ LARGEST = 4 << 20
 """A message longer than this [bytes] closes the connection unread, without an ``error``."""
 LINGER = 30.0
 """How long a connection that is over may take to let go [s]."""
+NOT_UTF8 = "\ufffd"
+"""No message of a client: it is no JSON."""
 GRACE = 10
 """How long a server that stops waits for requests under way [s]."""
 
 
 class StreamProtocol(WebSocketsSansIOProtocol):
-    """A WebSocket that is cut where its client does not take the last words."""
+    """A WebSocket that is cut where its client does not take the last words.
+
+    Text that is no UTF-8 reaches the app as ``NOT_UTF8``, so that the app refuses it like any bad message.
+    """
+
+    def send_receive_event_to_app(self) -> None:
+        """Hand over a whole message."""
+        if self.curr_msg_data_type == "text":
+            try:
+                b"".join(self.frames).decode()
+            except UnicodeDecodeError:
+                self.frames = [NOT_UTF8.encode()]
+        super().send_receive_event_to_app()
 
     async def run_asgi(self) -> None:
         """Serve the connection."""

@@ -95,7 +95,7 @@ def from_binary(layout: Layout, payload: bytes) -> Frames:
         )
     rows = np.frombuffer(payload, dtype, offset=HEADER.size).reshape(n_frames, n_channels).astype(np.float64)
     times = rows[:, 0] if layout.rate_hz is None else NO_TIMES
-    positions = rows[:, n_channels - 3 * len(layout.tracks) :].reshape(n_frames, -1, 3)
+    positions = rows[:, n_channels - 3 * len(layout.tracks) :].reshape(n_frames, len(layout.tracks), 3)
     return _frames(first_seq, times, positions)
 
 
