@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from fastapi import APIRouter
 from pydantic import ConfigDict, Field, model_validator
-from pydantic.config import JsonDict
+from pydantic.config import JsonDict, JsonValue
 
 from app.api.dependencies import LabOf
 from app.api.schemas import (
@@ -32,8 +32,8 @@ router = APIRouter(prefix="/v1/models/{model}/demonstrations", tags=["demonstrat
 def _reach(lift: float) -> JsonDict:
     """Return a small grasp for the example: half a second, lifted a little on its way [m]."""
     share = [step / 24 for step in range(25)]
-    hand = [[0.0, round(0.36 * s, 4), round(0.02 + lift * s * (1 - s), 4)] for s in share]
-    motion: JsonDict = {"rate_hz": 50, "hand": [*hand], "objects": {"object": [[0.0, 0.36, 0.0]] * 25}}
+    hand: list[JsonValue] = [[0.0, round(0.36 * s, 4), round(0.02 + lift * s * (1 - s), 4)] for s in share]
+    motion: JsonDict = {"rate_hz": 50, "hand": hand, "objects": {"object": [[0.0, 0.36, 0.0]] * 25}}
     return {"action": "grasp", "trajectory": motion}
 
 

@@ -152,8 +152,8 @@ def test_an_artifact_taken_elsewhere_does_the_same(
     assert imported.headers["ETag"] == exported.headers["ETag"]
     assert imported.json()["version"] == 1
     assert artifact(client, other, 1).content == exported.content
-    ask = {"action": "grasp", "start": [0.0, 0.0, 0.1], "goal": [0.3, 0.1, 0.1]}
-    here, there = (client.generate(model, "latest", **ask) for model in (filled, other))
+    start, goal = [0.0, 0.0, 0.1], [0.3, 0.1, 0.1]
+    here, there = (client.generate(model, "latest", "grasp", start, goal) for model in (filled, other))
     assert here["position"] == there["position"]
 
 
