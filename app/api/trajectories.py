@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from fastapi import APIRouter
 from pydantic import ConfigDict, Field, FiniteFloat
@@ -28,6 +28,9 @@ class Generation(Request):
     duration_s: FiniteFloat | None = Field(
         None, description="Default: the mean of the demonstrations; rounded up to whole periods."
     )
+    method: Literal["default", "paper"] = Field(
+        "default", description="`paper`: the paper's plain one, which does not rest at its ends."
+    )
     frame_id: str | None = Field(None, max_length=200, description="Handed through to the answer.")
 
 
@@ -41,7 +44,7 @@ class Feasibility(Answer):
 
 
 class GeneratedTold(Answer):
-    """A movement at a constant rate, at rest in both end points, which it meets exactly."""
+    """A movement at a constant rate; it meets both end points exactly and, by the default method, at rest."""
 
     t: list[float] = Field(description="From 0 [s].")
     position: list[list[float]] = Field(description="[m]")
@@ -85,5 +88,6 @@ def generate(model: str, ref: str, action: str, body: Generation, lab: LabOf) ->
         goal=body.goal,
         rate_hz=body.rate_hz,
         duration_s=body.duration_s,
+        method=body.method,
     )
     return GeneratedTold.of(generated, action, body.frame_id)

@@ -8,12 +8,17 @@ Two things make the movement start and end at rest, exactly at the asked points.
 ``deviation / WINDOW``, where the window and its slope are zero at both ends. And the share of the deviation
 along the line that is the profile of a minimum-jerk movement grows with the length of the movement, while
 all else keeps its size, as it does in people.
+
+The paper's plain method is there for comparison: the regression is of the deviation itself, through the
+keypoints and the two end points, and what its derivatives are there is left to it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -25,6 +30,8 @@ from app.motion.errors import InvalidRequest
 from app.motion.features import BLEND, N_DEVIATIONS, alignment, decode
 from app.motion.model import ActionModel, Model
 from app.motion.trajectory import FARTHEST_M, Floats
+
+Method = Literal["default", "paper"]
 
 RATES = (1.0, 1000.0)
 DURATIONS = (0.05, 600.0)
@@ -39,6 +46,12 @@ WINDOW = Polynomial([0, 0, 16, -32, 16])
 
 MINIMUM_JERK = Polynomial([0, 0, 0, 10, -15, 6])
 """The share of the way covered at a phase by a minimum-jerk movement."""
+
+STEADY = Polynomial([0, 1])
+"""The same for the straight line sampled at regular intervals."""
+
+EXACT = 1e-12
+"""Variance of what is known exactly [m^2]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +77,13 @@ def generate(
     *,
     rate: float = 100.0,
     duration: float | None = None,
+    method: Method = "default",
 ) -> GeneratedMotion:
     """Return a movement of a class from start to goal, (3,) each [m], at a rate [Hz].
 
-    duration [s], by default the mean of the demonstrations, is rounded up to whole periods. Raises
-    UnknownAction, and InvalidRequest, which names the argument.
+    duration [s], by default the mean of the demonstrations, is rounded up to whole periods; method:
+    ``paper`` for the plain one, which does not rest at its ends. Raises UnknownAction, and InvalidRequest,
+    which names the argument.
     """
     chain = model.action(action)
     here, there = _point("start", start), _point("goal", goal)
@@ -77,8 +92,9 @@ def generate(
         raise InvalidRequest("goal", f"lies {length:.3g} m from the start, needs to lie {BLEND:g} m away")
     n_periods = _periods(rate, float(np.mean(chain.durations)) if duration is None else duration)
     phase = np.linspace(0.0, 1.0, n_periods + 1)
-    moves, std = _regress(chain, phase)
-    moves[:, :, 0] += length * np.stack([MINIMUM_JERK.deriv(order)(phase) for order in range(3)])
+    moves, std = _regress(chain, phase) if method == "default" else _regress_plainly(chain, phase)
+    profile = MINIMUM_JERK if method == "default" else STEADY
+    moves[:, :, 0] += length * np.stack([profile.deriv(order)(phase) for order in range(3)])
     deviation = moves[0] - np.outer(length * phase, [1.0, 0.0, 0.0])
     rotation = alignment(here, there)
     seconds = n_periods / rate
@@ -100,11 +116,31 @@ def _regress(chain: ActionModel, phase: Floats) -> tuple[Floats, Floats]:
     means, variances = chain.means[:, :N_DEVIATIONS].copy(), chain.variances[:, :N_DEVIATIONS]
     profile = MINIMUM_JERK(at) - at
     means[:, 0] -= profile * np.linalg.lstsq(profile[:, None], means[:, 0])[0]
-    regressions = [_fit(at, mean, variance) for mean, variance in zip(means.T, variances.T, strict=True)]
-    moves = np.stack([_derivatives(regression, phase) for regression in regressions], axis=2)
-    spread = _between(at, variances, phase)
-    doubt = np.column_stack([r.predict(phase[:, None], return_std=True)[1] for r in regressions])
-    return moves, np.sqrt(spread + (WINDOW(phase)[:, None] * doubt) ** 2)
+    window = WINDOW(at)
+    fits = [
+        _fit(at, mean / window, variance / window**2, np.sum(mean**2) / np.sum(window**2))
+        for mean, variance in zip(means.T, variances.T, strict=True)
+    ]
+    moves = np.stack([_windowed(_derivatives(fit, phase), phase) for fit in fits], axis=2)
+    return moves, np.sqrt(
+        _between(at, variances, phase) + (WINDOW(phase)[:, None] * _doubt(fits, phase)) ** 2
+    )
+
+
+def _regress_plainly(chain: ActionModel, phase: Floats) -> tuple[Floats, Floats]:
+    """Return the same by the paper's plain method: the deviation from the line is zero at both ends."""
+    at = np.concatenate([[0.0], keypoint_phases(chain), [1.0]])
+    ends = ((1, 1), (0, 0))
+    means = np.pad(chain.means[:, :N_DEVIATIONS], ends)
+    variances = np.pad(chain.variances[:, :N_DEVIATIONS], ends, constant_values=EXACT)
+    fits = [
+        _fit(at, mean, variance, np.mean(mean**2))
+        for mean, variance in zip(means.T, variances.T, strict=True)
+    ]
+    moves = np.stack([_derivatives(fit, phase) for fit in fits], axis=2)
+    std = np.sqrt(_between(at[1:-1], variances[1:-1], phase) + _doubt(fits, phase) ** 2)
+    moves[0, [0, -1]] = std[[0, -1]] = 0.0
+    return moves, std
 
 
 def keypoint_phases(chain: ActionModel) -> Floats:
@@ -114,26 +150,32 @@ def keypoint_phases(chain: ActionModel) -> Floats:
     return phases
 
 
-def _fit(at: Floats, means: Floats, variances: Floats) -> GaussianProcessRegressor:
-    """Return the regression of one component of the deviation over its window.
-
-    at, means, variances: (n_states,).
-    """
-    window = WINDOW(at)
-    size = np.sum(means**2) / np.sum(window**2) + 1e-12
-    kernel = ConstantKernel(size, "fixed") * RBF(LENGTH_SCALE, "fixed")
-    regression = GaussianProcessRegressor(kernel, alpha=variances / window**2, optimizer=None)
-    return regression.fit(at[:, None], means / window)
+def _fit(at: Floats, values: Floats, variances: Floats, size: float) -> GaussianProcessRegressor:
+    """Return the regression of (n,) values known with these variances; size: their mean square."""
+    kernel = ConstantKernel(size + EXACT, "fixed") * RBF(LENGTH_SCALE, "fixed")
+    regression = GaussianProcessRegressor(kernel, alpha=variances, optimizer=None)
+    return regression.fit(at[:, None], values)
 
 
 def _derivatives(regression: GaussianProcessRegressor, phase: Floats) -> Floats:
-    """Return (3, n) the regressed component and its first and second derivative by phase."""
+    """Return (3, n) what was regressed and its first and second derivative by phase."""
     kernel = regression.kernel_(phase[:, None], regression.X_train_)
     away = (phase[:, None] - regression.X_train_.T) / LENGTH_SCALE**2
     g0 = kernel @ regression.alpha_
     g1 = -(away * kernel) @ regression.alpha_
     g2 = ((away**2 - LENGTH_SCALE**-2) * kernel) @ regression.alpha_
+    return np.stack([g0, g1, g2])
+
+
+def _doubt(fits: Sequence[GaussianProcessRegressor], phase: Floats) -> Floats:
+    """Return (n, n_components) standard deviations of what was regressed."""
+    return np.column_stack([fit.predict(phase[:, None], return_std=True)[1] for fit in fits])
+
+
+def _windowed(regressed: Floats, phase: Floats) -> Floats:
+    """Return (3, n) the product of WINDOW and what was regressed, and its derivatives by phase."""
     w0, w1, w2 = (WINDOW.deriv(order)(phase) for order in range(3))
+    g0, g1, g2 = regressed
     return np.stack([w0 * g0, w1 * g0 + w0 * g1, w2 * g0 + 2 * w1 * g1 + w0 * g2])
 
 

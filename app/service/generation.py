@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.motion.generation import GeneratedMotion, generate
+from app.motion.generation import GeneratedMotion, Method, generate
 from app.registry.records import VersionRecord
 from app.service.lab import Lab
 
@@ -28,8 +28,9 @@ def generate_trajectory(
     goal: Sequence[float],
     rate_hz: float,
     duration_s: float | None,
+    method: Method,
 ) -> Generated:
     """Return a movement from start to goal [m]. Raises NotFound, UnknownAction, InvalidRequest."""
     version = lab.version(model, ref)
-    motion = generate(version.model, action, start, goal, rate=rate_hz, duration=duration_s)
+    motion = generate(version.model, action, start, goal, rate=rate_hz, duration=duration_s, method=method)
     return Generated(version.record, motion)

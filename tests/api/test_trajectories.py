@@ -32,6 +32,12 @@ def test_a_trajectory_is_the_cores(client: GestaClient, table_top: str, trained:
     assert answer["feasibility"]["duration_s"] == answer["t"][-1]
 
 
+def test_the_plain_method_can_be_chosen(client: GestaClient, table_top: str, trained: Model) -> None:
+    answer = client.generate(table_top, 1, "grasp", START, GOAL, method="paper")
+    expected = generate(trained, "grasp", START, GOAL, method="paper")
+    np.testing.assert_array_equal(answer["position"], expected.positions)
+
+
 def test_end_points_are_met_exactly_and_at_rest(client: GestaClient, table_top: str) -> None:
     answer = client.generate(table_top, 1, "grasp", START, GOAL, frame_id="map")
     assert (answer["position"][0], answer["position"][-1]) == (START, GOAL)

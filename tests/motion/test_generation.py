@@ -246,3 +246,28 @@ def test_impossible_request_is_refused_by_name(model: Model, field: str, changed
 def test_unknown_action_is_refused(model: Model) -> None:
     with pytest.raises(UnknownAction, match="juggle"):
         generate(model, "juggle", START, GOAL)
+
+
+@settings(max_examples=25)
+@given(actions, points, points)
+def test_the_plain_method_meets_its_ends_but_need_not_rest_there(
+    model: Model, action: str, start: Floats, goal: Floats
+) -> None:
+    assume(np.linalg.norm(goal - start) >= BLEND)
+    motion = generate(model, action, start, goal, rate=500.0, method="paper")
+    np.testing.assert_array_equal(motion.positions[[0, -1]], [start, goal])
+    assert np.isfinite(motion.std).all()
+    travelled = cumulative_simpson(motion.velocities, x=motion.times, axis=0, initial=0.0)
+    np.testing.assert_allclose(motion.positions - start, travelled, atol=1e-4)
+    gained = cumulative_simpson(motion.accelerations, x=motion.times, axis=0, initial=0.0)
+    np.testing.assert_allclose(motion.velocities - motion.velocities[0], gained, atol=1e-3)
+
+
+@pytest.mark.parametrize("action", sorted(STYLES))
+def test_the_plain_method_passes_near_the_keypoints(model: Model, action: str) -> None:
+    chain = model.action(action)
+    motion = generate(model, action, START, GOAL, rate=1000.0, method="paper")
+    frames = np.rint(keypoint_phases(chain) * (len(motion.times) - 1)).astype(int)
+    missed = np.abs(deviation(motion)[frames] - chain.means[:, :3])
+    assert (missed <= 1.5 * np.sqrt(chain.variances[:, :3])).all()
+    assert np.linalg.norm(motion.velocities[0]) > 0.01
