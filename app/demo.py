@@ -10,6 +10,7 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -112,7 +113,7 @@ def serving(folder: Path) -> Iterator[str]:
     try:
         yield _address(process, log)
     finally:
-        process.terminate()
+        process.send_signal(signal.SIGINT)
         try:
             process.wait(STOP_S)
         except subprocess.TimeoutExpired:
@@ -230,7 +231,7 @@ def _shared(one: Segment, other: Segment) -> int:
 
 def _guess(hypothesis: Message) -> str:
     best = max(hypothesis["actions"], key=lambda guess: float(guess["posterior"]))
-    return f"looks like {_coloured(best['action'] or 'none of them')} ({best['posterior']:.0%})"
+    return f"looks like {_coloured(best['action'])}" if best["action"] else "may be anything yet"
 
 
 def _tell_measures(seen: Recording, segments: Sequence[Message], console: Console) -> None:
