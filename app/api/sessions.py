@@ -8,14 +8,13 @@ from datetime import datetime
 from typing import Annotated, Any, Self
 
 from fastapi import APIRouter, Header, Query
-from fastapi.sse import EventSourceResponse
 from pydantic import ConfigDict, Field
 from pydantic.config import JsonDict
 from starlette.responses import Response, StreamingResponse
 
 from app.api.dependencies import LabOf, LiveOf
 from app.api.schemas import Answer, GeometryTold, PageSize, PageToken, refusals
-from app.api.stream_events import Provisional, listen
+from app.api.stream_events import EventStream, Provisional, listen
 from app.api.trajectory_told import TrajectoryTold
 from app.registry.records import SessionRecord, SessionState
 from app.service import session_archive
@@ -219,7 +218,7 @@ def recording(session: str, lab: LabOf) -> StreamingResponse:
 @router.get(
     "/{session}/events",
     summary="Listen to a session",
-    response_class=EventSourceResponse,
+    response_class=EventStream,
     responses={204: {"description": "The session has ended and has no further events."}, **refusals(404)},
 )
 def events(
@@ -241,7 +240,7 @@ def events(
         return Response(status_code=204)
     wanted: set[Provisional] = {kind for kind in ("frames", "hypotheses") if kind in include.split(",")}
     headers = {"Cache-Control": "no-cache", "X-Accel-Buffering": "no"}
-    return EventSourceResponse(listen(live, session, last_event_id, wanted), headers=headers)
+    return EventStream(listen(live, session, last_event_id, wanted), headers=headers)
 
 
 def _told(found: SessionRecording) -> Iterator[str]:

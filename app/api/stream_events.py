@@ -7,6 +7,7 @@ from collections.abc import AsyncGenerator, AsyncIterator, Collection
 from typing import Any, Literal
 
 from fastapi.sse import format_sse_event
+from starlette.responses import StreamingResponse
 
 from app.registry.records import StoredEvent
 from app.service.live import LiveSessions
@@ -15,6 +16,12 @@ from app.service.session_errors import SessionError
 Provisional = Literal["frames", "hypotheses"]
 RATE_HZ = 20.0
 """Provisional events come at most at this rate [Hz]."""
+
+
+class EventStream(StreamingResponse):
+    """Events as they come."""
+
+    media_type = "text/event-stream"
 
 
 async def listen(

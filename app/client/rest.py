@@ -1,51 +1,45 @@
-"""The requests of the REST API, one method each."""
+"""The requests of the REST API, one method each; how they are sent is for the clients of ``clients.py``."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import TracebackType
-from typing import Any, Self
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, Generic, TypeVar
+from urllib.parse import quote
 
-import httpx
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.client.errors import ApiError, JobFailed
-from app.client.stream import Stream
 from app.client.wire import METRES, Message
 
+Answer = TypeVar("Answer")
 
-class GestaClient:
-    """A Gesta server at ``url``; every method raises ApiError where the server refuses."""
 
-    def __init__(self, url: str = "http://127.0.0.1:8000") -> None:
-        self.url = url.rstrip("/")
-        self._http = httpx.Client(base_url=self.url, timeout=60.0)
+class Rest(ABC, Generic[Answer]):
+    """Every method returns the server's answer, or the coroutine of it; ApiError where it refuses."""
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Let the connections go."""
-        self._http.close()
-
-    def request(
+    @abstractmethod
+    def _message(
         self, method: str, path: str, body: Any = None, headers: Mapping[str, str] | None = None
-    ) -> Any:
-        """Ask ``/v1{path}`` and return the parsed answer, None where it is empty."""
-        response = self._http.request(method, f"/v1{path}", json=body, headers=dict(headers or {}))
-        _check(response)
-        return response.json() if response.content else None
+    ) -> Answer:
+        """Ask ``/v1{path}`` for an object, ``{}`` where the answer is empty."""
 
-    def create_model(self, name: str, objects: Sequence[str] = (), **fields: Any) -> Message:
+    def create_model(self, name: str, objects: Sequence[str] = (), **fields: Any) -> Answer:
         """Create a model; fields: table_height_m, description, features."""
         return self._message("POST", "/models", {"name": name, "objects": list(objects), **fields})
+
+    def model(self, name: str) -> Answer:
+        """Return a model."""
+        return self._message("GET", _path("models", name))
+
+    def change_model(self, name: str, if_match: str | None = None, **fields: Any) -> Answer:
+        """Change a model; fields: description, table_height_m; if_match: the ETag it must still have."""
+        headers = {} if if_match is None else {"If-Match": if_match}
+        return self._message("PATCH", _path("models", name), fields, headers)
+
+    def delete_model(self, name: str) -> Answer:
+        """Delete a model with all that belongs to it."""
+        return self._message("DELETE", _path("models", name))
 
     def add_demonstrations(
         self,
@@ -53,7 +47,7 @@ class GestaClient:
         demonstrations: Sequence[tuple[str, Message]],
         geometry: Mapping[str, str] | None = None,
         scene: Mapping[str, float] | None = None,
-    ) -> Message:
+    ) -> Answer:
         """Upload (action, trajectory) pairs; returns created and duplicate ids."""
         items = [{"action": action, "trajectory": motion} for action, motion in demonstrations]
         return self._upload(model, {"demonstrations": items}, geometry, scene)
@@ -65,126 +59,96 @@ class GestaClient:
         segments: Sequence[Mapping[str, Any]],
         geometry: Mapping[str, str] | None = None,
         scene: Mapping[str, float] | None = None,
-    ) -> Message:
+    ) -> Answer:
         """Upload a labelled recording; segments: {action, start_s, end_s}."""
         recording = {"trajectory": motion, "segments": [dict(segment) for segment in segments]}
         return self._upload(model, {"recording": recording}, geometry, scene)
 
-    def train(self, model: str, idempotency_key: str | None = None, **fields: Any) -> Message:
+    def demonstration(self, model: str, demonstration_id: str) -> Answer:
+        """Return a demonstration with its trajectory."""
+        return self._message("GET", _path("models", model, "demonstrations", demonstration_id))
+
+    def delete_demonstration(self, model: str, demonstration_id: str) -> Answer:
+        """Delete a demonstration; versions made of it stay."""
+        return self._message("DELETE", _path("models", model, "demonstrations", demonstration_id))
+
+    def train(self, model: str, idempotency_key: str | None = None, **fields: Any) -> Answer:
         """Queue a training and return its job; fields: options, demonstrations, base."""
         headers = {} if idempotency_key is None else {"Idempotency-Key": idempotency_key}
-        return self._message("POST", f"/models/{model}/versions", fields, headers)
+        return self._message("POST", _path("models", model, "versions"), fields, headers)
 
-    def job(self, job_id: str) -> Message:
+    def job(self, job_id: str) -> Answer:
         """Return the state of a job."""
-        return self._message("GET", f"/jobs/{job_id}")
+        return self._message("GET", _path("jobs", job_id))
 
-    def cancel(self, job_id: str) -> None:
+    def cancel(self, job_id: str) -> Answer:
         """Ask a job to stop."""
-        self.request("DELETE", f"/jobs/{job_id}")
+        return self._message("DELETE", _path("jobs", job_id))
 
-    def result(self, job_id: str, watch: Callable[[Message], object] = bool) -> Message:
-        """Wait for a job and return its result; ``watch`` gets every state. Raises JobFailed."""
-        job: Message = {}
-        for _, job in self.events(f"/jobs/{job_id}/events"):
-            watch(job)
-        if job["state"] != "succeeded":
-            raise JobFailed(job)
-        result: Message = job["result"]
-        return result
-
-    def version(self, model: str, ref: str | int = "latest") -> Message:
+    def version(self, model: str, ref: str | int = "latest") -> Answer:
         """Return a version by number, alias or ``latest``."""
-        return self._message("GET", f"/models/{model}/versions/{ref}")
+        return self._message("GET", _path("models", model, "versions", ref))
 
-    def promote(self, model: str, alias: str, version: int) -> Message:
+    def promote(self, model: str, alias: str, version: int) -> Answer:
         """Let an alias name a version."""
-        return self._message("PUT", f"/models/{model}/aliases/{alias}", {"version": version})
+        return self._message("PUT", _path("models", model, "aliases", alias), {"version": version})
+
+    def delete_alias(self, model: str, alias: str) -> Answer:
+        """Delete an alias; its history stays."""
+        return self._message("DELETE", _path("models", model, "aliases", alias))
 
     def generate(
         self, model: str, ref: str | int, action: str, start: ArrayLike, goal: ArrayLike, **fields: Any
-    ) -> Message:
+    ) -> Answer:
         """Return a trajectory between two points [m]; fields: rate_hz, duration_s, method, …"""
         ends = {"start": np.asarray(start, float).tolist(), "goal": np.asarray(goal, float).tolist()}
-        path = f"/models/{model}/versions/{ref}/actions/{action}/trajectories"
+        path = _path("models", model, "versions", ref, "actions", action, "trajectories")
         return self._message("POST", path, {**ends, **fields})
 
-    def segment(self, model: str, ref: str | int, motion: Message, **fields: Any) -> Message:
-        """Return the segments of a recording; fields: geometry, scene."""
+    def segment(self, model: str, ref: str | int, motion: Message, **fields: Any) -> Answer:
+        """Return the segments of a recording, or the job that finds them; fields: geometry, scene."""
         body = {"geometry": METRES, "trajectory": motion, **fields}
-        return self._message("POST", f"/models/{model}/versions/{ref}/segmentations", body)
+        return self._message("POST", _path("models", model, "versions", ref, "segmentations"), body)
 
-    def evaluate(self, model: str, ref: str | int, **body: Any) -> Message:
-        """Return the measures on a labelled recording."""
-        return self._message(
-            "POST", f"/models/{model}/versions/{ref}/evaluations", {"geometry": METRES, **body}
-        )
+    def evaluate(self, model: str, ref: str | int, **body: Any) -> Answer:
+        """Return the measures on a labelled recording, or the job that takes them."""
+        path = _path("models", model, "versions", ref, "evaluations")
+        return self._message("POST", path, {"geometry": METRES, **body})
 
-    def session(self, session_id: str) -> Message:
+    def session(self, session_id: str) -> Answer:
         """Return a session."""
-        return self._message("GET", f"/sessions/{session_id}")
+        return self._message("GET", _path("sessions", session_id))
 
-    def segments(self, session_id: str, after: int = -1) -> list[Message]:
-        """Return the segments recognised in a session after number ``after``."""
-        found: list[Message] = self.request("GET", f"/sessions/{session_id}/segments?after={after}")[
-            "segments"
-        ]
-        return found
+    def end_session(self, session_id: str) -> Answer:
+        """End a session, whoever feeds it, and return it."""
+        return self._message("DELETE", _path("sessions", session_id))
 
-    def session_events(
-        self, session_id: str, after: int = -1, include: str = ""
-    ) -> Iterator[tuple[str, Message]]:
-        """Yield a session's (type, message) as they come, until it ends; include: frames, hypotheses."""
-        query = f"?include={include}" if include else ""
-        yield from self.events(f"/sessions/{session_id}/events{query}", {"Last-Event-ID": str(after)})
+    def segments(self, session_id: str, after: int = -1) -> Answer:
+        """Return ``{"segments": […]}`` recognised in a session, those after number ``after``."""
+        return self._message("GET", f"{_path('sessions', session_id, 'segments')}?after={after}")
 
-    def events(self, path: str, headers: Mapping[str, str] | None = None) -> Iterator[tuple[str, Message]]:
-        """Yield (type, data) of the server-sent events at ``/v1{path}``."""
-        with self._http.stream("GET", f"/v1{path}", headers=dict(headers or {})) as response:
-            if response.is_error:
-                response.read()
-            _check(response)
-            kind, data = "message", ""
-            for line in response.iter_lines():
-                field, _, value = line.partition(": ")
-                if field == "event":
-                    kind = value
-                elif field == "data":
-                    data += value
-                elif not line and data:
-                    yield kind, json.loads(data)
-                    kind, data = "message", ""
-
-    def stream(self, model: str, **start: Any) -> Stream:
-        """Return a stream to enter by ``with``; start: the arguments of ``start_message``."""
-        return Stream(self.url, model, **start)
-
-    def pages(self, path: str, field: str) -> Iterator[Message]:
-        """Yield every item of a paged list: ``field`` of the answers of ``/v1{path}``."""
-        query = ""
-        while True:
-            page = self._message("GET", f"{path}{query}")
-            yield from page[field]
-            if (token := page.get("next_page_token")) is None:
-                return
-            query = f"?page_token={token}"
+    def recording(self, session_id: str) -> Answer:
+        """Return the frames of a session: its ``trajectory`` can be uploaded or segmented again."""
+        return self._message("GET", _path("sessions", session_id, "recording"))
 
     def _upload(
         self, model: str, body: Message, geometry: Mapping[str, str] | None, scene: Mapping[str, float] | None
-    ) -> Message:
+    ) -> Answer:
         body = {"geometry": dict(geometry or METRES), **body} | ({"scene": dict(scene)} if scene else {})
-        return self._message("POST", f"/models/{model}/demonstrations", body)
-
-    def _message(
-        self, method: str, path: str, body: Any = None, headers: Mapping[str, str] | None = None
-    ) -> Message:
-        answer: Message = self.request(method, path, body, headers)
-        return answer
+        return self._message("POST", _path("models", model, "demonstrations"), body)
 
 
-def _check(response: httpx.Response) -> None:
-    if response.is_error:
-        is_problem = response.headers.get("content-type", "").startswith("application/problem+json")
-        raise ApiError(
-            response.status_code, response.json() if is_problem else {"detail": response.text[:200]}
-        )
+def page_path(path: str, token: str | None) -> str:
+    """Return the path of the page of a list that ``token`` asks for, None for the first."""
+    if token is None:
+        return path
+    return f"{path}{'&' if '?' in path else '?'}page_token={quote(token, safe='')}"
+
+
+def session_events_path(session_id: str, include: str) -> str:
+    """Return where the events of a session are; include: ``frames``, ``hypotheses`` or both."""
+    return _path("sessions", session_id, "events") + (f"?include={quote(include)}" if include else "")
+
+
+def _path(*parts: str | int) -> str:
+    return "".join(f"/{quote(str(part), safe='')}" for part in parts)

@@ -80,7 +80,8 @@ class TestEncodings:
             talk.socket.send(binary(0, rows(MOTION)[:, 1:], "<f4"))
             talk.say("end")
             talk.rest()
-            hand, thing = (track.astype(np.float32).astype(float) for track in (MOTION.hand, MOTION.objects["object"]))
+            tracks = (MOTION.hand, MOTION.objects["object"])
+            hand, thing = (track.astype(np.float32).astype(float) for track in tracks)
             rounded = Trajectory(np.arange(len(MOTION)) / 100, hand, {"object": thing})
             assert durable(talk) == expected(trained, rounded, rate=100.0)
 
@@ -246,8 +247,9 @@ class TestMessages:
     def test_a_stream_needs_no_subprotocol_but_no_other_one(self, server: Server) -> None:
         with connect(server.stream_url) as socket:
             Talk(socket).start()
-        with pytest.raises(InvalidStatus) as refused:
-            connect(server.stream_url, subprotocols=[Subprotocol("mqtt")])
+        foreign = [Subprotocol("mqtt")]
+        with pytest.raises(InvalidStatus) as refused, connect(server.stream_url, subprotocols=foreign):
+            pass
         response = refused.value.response
         assert response.status_code == 400
         assert response.headers["Content-Type"] == "application/problem+json"
