@@ -48,6 +48,8 @@ def serve(
     config = stream_config(app, log_config=None, access_log=False)
     at, number, *_ = listener.getsockname()
     typer.echo(f"Gesta listens on http://{at}:{number}/v1 (documents: /v1/openapi.json)")
+    for number in (signal.SIGTERM, signal.SIGINT):  # uvicorn raises them once more when it has stopped
+        signal.signal(number, lambda *_: None)
     with _worker_beside(settings.job_worker == "embedded"):
         StreamServer(config).run([listener])
 
@@ -90,12 +92,15 @@ def _worker_beside(wanted: bool) -> Iterator[None]:
     if not wanted:
         yield
         return
-    leaving = threading.Event()
+    leaving, turn = threading.Event(), threading.Lock()
     children: list[subprocess.Popen[bytes]] = []
 
     def keep() -> None:
-        while not leaving.is_set():
-            children[:] = [subprocess.Popen([sys.executable, "-m", "app.cli", "worker", "--embedded"])]
+        while True:
+            with turn:
+                if leaving.is_set():
+                    return
+                children[:] = [subprocess.Popen([sys.executable, "-m", "app.cli", "worker", "--embedded"])]
             children[0].wait()
             leaving.wait(RESTART_S)
 
@@ -104,9 +109,10 @@ def _worker_beside(wanted: bool) -> Iterator[None]:
     try:
         yield
     finally:
-        leaving.set()
-        for child in children:
-            child.terminate()
+        with turn:
+            leaving.set()
+            for child in children:
+                child.terminate()
         keeper.join()
 
 
