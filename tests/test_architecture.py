@@ -56,7 +56,9 @@ TABLE = {
     "app.client": Room(("httpx", "websockets", "numpy")),
     "app.settings": Room(("pydantic", "pydantic_settings")),
     "app.main": Room(("fastapi", "starlette"), (*ROOMS, "app.settings")),
-    "app.cli": Room(("typer", "rich", "uvicorn"), (*ROOMS, "app.main", "app.settings", "app.demo")),
+    "app.cli": Room(
+        ("typer", "rich", "uvicorn", "pydantic"), (*ROOMS, "app.main", "app.settings", "app.demo")
+    ),
     "app.demo": Room(("httpx", "numpy", "typer", "rich"), ("app.client", "app.motion")),
     "migrations": Room(("sqlalchemy", "alembic"), ("app.registry", "app.settings")),
 }
