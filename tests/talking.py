@@ -60,20 +60,12 @@ class Talk:
         for first in range(start, stop, chunk):
             self.say("frames", **columns(motion, first, min(first + chunk, stop)))
 
-    def hear(self, kind: str) -> Message:
-        """Return the next message of a kind; the server must say one before it closes."""
+    def hear(self, *kinds: str) -> Message:
+        """Return the next message of one of these kinds; the server must say one before it closes."""
         while True:
             message = self._next()
-            assert message is not None, f"no {kind} before {self.closed_with}: {self.heard[-3:]}"
-            if message["type"] == kind:
-                return message
-
-    def hear_event(self) -> Message:
-        """Return the next durable event."""
-        while True:
-            message = self._next()
-            assert message is not None, f"no event before {self.closed_with}: {self.heard[-3:]}"
-            if "event" in message:
+            assert message is not None, f"no {kinds} before {self.closed_with}: {self.heard[-3:]}"
+            if message["type"] in kinds:
                 return message
 
     def waiting(self) -> list[Message]:

@@ -128,8 +128,8 @@ class Session:
                 event = stored.event
 
     async def hypotheses(self, rate_hz: float) -> AsyncIterator[str]:
-        """Yield the hypothesis of the moment as JSON text after new frames; rate_hz: at most [Hz]."""
-        seen = self.next_seq
+        """Yield the hypothesis of the moment as JSON text, now and after new frames; rate_hz: at most [Hz]."""
+        seen = 0
         while True:
             seen = await self.taken.beyond(seen)
             found = None if self.ended else self._recogniser.hypothesis()
@@ -138,8 +138,8 @@ class Session:
             await asyncio.sleep(1.0 / rate_hz)
 
     async def frames(self, rate_hz: float) -> AsyncIterator[str]:
-        """Yield the newest frame as JSON text; rate_hz: at most [Hz]."""
-        seen = self.next_seq
+        """Yield the newest frame as JSON text, now and after new ones; rate_hz: at most [Hz]."""
+        seen = 0
         while True:
             seen = await self.taken.beyond(seen)
             yield messages.frame(self.next_seq - 1, self._newest, self.pinned.layout.objects)

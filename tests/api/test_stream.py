@@ -297,7 +297,7 @@ class TestPromises:
             talk.frames(MOTION)
             talk.say("end")
             for _ in range(5):
-                message = talk.hear_event()
+                message = talk.hear("segment", "gap", "ended")
                 with server.database.reading() as tx:
                     kept = sessions.events(tx, session_id, after=message["event"] - 1, limit=1)
                 assert [stored.type for stored in kept] == [message["type"]]

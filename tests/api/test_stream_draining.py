@@ -1,0 +1,127 @@
+"""The server goes away, in order or not: what it has acknowledged is kept."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import threading
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import httpx
+import pytest
+
+from app.main import create_app
+from app.motion.model import Model
+from app.motion.simulation import recording
+from app.registry import sessions
+from app.settings import Settings
+from tests.serving import Server, serving
+from tests.talking import Message, Talk, talking
+
+MOTION = recording(5, 5).trajectory
+
+
+def kept(server: Server, session_id: str) -> tuple[int, list[str]]:
+    """Return how many frames and which events of a session are in the database."""
+    with server.database.reading() as tx:
+        record = sessions.get(tx, session_id)
+        events = sessions.events(tx, session_id)
+        chunks = sessions.chunks(tx, session_id)
+    assert sum(chunk.n_frames for chunk in chunks) == record.n_frames
+    assert len(events) == record.n_events
+    return record.n_frames, [stored.type for stored in events]
+
+
+def told(talk: Talk) -> list[str]:
+    return [message["type"] for message in talk.heard if "event" in message]
+
+
+def test_a_server_that_stops_lets_everybody_go_in_order(tmp_path: Path, trained: Model) -> None:
+    with serving(tmp_path) as server, talking(server) as talk, talking(server) as idle:
+        server.teach(trained)
+        session_id = talk.start()["session_id"]
+        idle.start()
+        listened: list[str] = []
+        listener = threading.Thread(target=listen, args=(server, session_id, listened))
+        listener.start()
+        talk.frames(MOTION, 0, 400)
+        talk.hear("segment")
+        server.terminate()
+        began = monotonic()
+        ends: list[list[Message]] = [talk.rest(), idle.rest()]
+        for each, messages in zip((talk, idle), ends, strict=True):
+            assert each.closed_with == 1012
+            assert messages[-1]["code"] == "restarting"
+            assert messages[-1]["retryable"]
+            assert any(message["type"] == "going_away" for message in messages)
+        listener.join()
+        server.wait()
+        assert monotonic() - began < 5
+        frames, events = kept(server, session_id)
+        assert frames >= talk.said("accepted")[-1]["through_seq"] + 1
+        assert events == told(talk)
+        assert "event: segment" in listened
+        with pytest.raises(httpx.ConnectError):
+            httpx.get(f"{server.url}/livez")
+
+
+def listen(server: Server, session_id: str, lines: list[str]) -> None:
+    """Listen to a session until the server ends the response."""
+    with httpx.stream("GET", f"{server.url}/v1/sessions/{session_id}/events") as response:
+        lines += response.iter_lines()
+
+
+def test_what_was_told_survives_a_kill(tmp_path: Path, trained: Model) -> None:
+    with serving(tmp_path) as server, talking(server) as talk:
+        server.teach(trained)
+        session_id = talk.start()["session_id"]
+        talk.frames(MOTION, 0, 400)
+        talk.hear("segment")
+        while talk.hear("accepted")["durable_seq"] < 100:
+            pass
+        server.process.send_signal(signal.SIGKILL)
+        server.wait()
+        talk.rest()
+        frames, events = kept(server, session_id)
+        assert frames >= talk.said("accepted")[-1]["durable_seq"] + 1
+        assert events[: len(told(talk))] == told(talk)
+
+
+def test_who_comes_while_the_server_goes_is_sent_away_with_a_problem(tmp_path: Path) -> None:
+    settings = Settings(database_url=f"sqlite:///{tmp_path / 'gesta.db'}", store_url=str(tmp_path / "store"))
+    app = create_app(settings)
+    sent: list[dict[str, Any]] = []
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "websocket.connect"}
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    async def run() -> httpx.Response:
+        async with app.router.lifespan_context(app):
+            await app.state.live.drain()
+            scope = {
+                "type": "websocket",
+                "path": "/v1/stream",
+                "headers": [],
+                "query_string": b"",
+                "subprotocols": ["gesta.v1"],
+                "extensions": {"websocket.http.response": {}},
+            }
+            await app(scope, receive, send)
+            transport = httpx.ASGITransport(app)
+            async with httpx.AsyncClient(transport=transport, base_url="http://here") as client:
+                return await client.get("/readyz")
+
+    ready = asyncio.run(run())
+    assert (ready.status_code, ready.json()["sessions"]) == (503, "draining")
+    start, body = sent
+    headers = dict(start["headers"])
+    assert (start["type"], start["status"]) == ("websocket.http.response.start", 503)
+    assert headers[b"content-type"] == b"application/problem+json"
+    assert headers[b"retry-after"] == b"1"
+    assert json.loads(body["body"])["code"] == "restarting"
