@@ -22,7 +22,8 @@ SMOOTHING = 0.02
 """Standard deviation of the smoothing before training [s]."""
 
 _LEARNING = 16  # intervals from which the period of a stream without a declared rate is known
-_SAME = 1e-6  # a grid point this close to a frame, in intervals, is that frame
+_SAME = 1e-3  # a grid point this close to a frame, in intervals, is seen if the frame is: clocks are rounded
+_EXACT = 1e-6  # one this close is that frame
 
 
 class Grid(NamedTuple):
@@ -52,7 +53,7 @@ class Period:
         while self._declared is None and done < len(intervals):
             interval = float(intervals[done])
             seen = self._intervals
-            gaps[done] = len(seen) > 0 and interval > MAX_PERIODS * float(np.median(seen))
+            gaps[done] = len(seen) > 0 and interval > MAX_PERIODS * float(np.median(seen)) * (1.0 + _SAME)
             seen.append(interval)
             if len(seen) == _LEARNING:
                 self._declared = float(np.median(seen))
@@ -86,11 +87,11 @@ class Resampler:
         positions = np.concatenate([self._position[None], positions])
         numbers = np.concatenate([[self._frame], np.arange(first_frame, first_frame + len(times) - 1)])
         self._time, self._position, self._frame = float(times[-1]), positions[-1], int(numbers[-1])
-        span = (self._time - self._begin) * self.rate
-        ticks = np.arange(self._emitted, int(np.floor(span + _SAME)) + 1)
+        reached = np.floor((times - self._begin) * self.rate + _SAME).astype(np.int64)
+        ticks = np.arange(self._emitted, reached[-1] + 1)
         self._emitted += len(ticks)
         grid = self._begin + ticks / self.rate
-        after = np.searchsorted(times, grid - _SAME / self.rate).clip(1, len(times) - 1)
+        after = np.searchsorted(reached, ticks).clip(1, len(times) - 1)
         return _interpolate(grid, times, positions, numbers, gaps, after)
 
 
@@ -108,7 +109,8 @@ def _interpolate(
     w = weight[:, None, None]
     mixed = before * (1.0 - w) + behind * w
     mixed[gaps[after - 1]] = np.nan
-    mixed = np.where(w <= _SAME, before, np.where(w >= 1.0 - _SAME, behind, mixed))
+    near = np.where(np.isnan(mixed), _SAME, _EXACT)
+    mixed = np.where(w <= near, before, np.where(w >= 1.0 - near, behind, mixed))
     nearest = np.where(weight < 0.5, numbers[after - 1], numbers[after])
     return Grid(grid, mixed, nearest, numbers[after])
 

@@ -93,6 +93,36 @@ def test_linear_motion_is_reproduced_at_any_rate(
     np.testing.assert_array_equal(result.objects["cup"], result.hand)
 
 
+def test_a_frame_just_before_a_grid_point_is_the_same_in_any_chunking() -> None:
+    times = np.array([0.88, 0.896, 0.921, 0.924, 0.936, 0.93999998, 0.951, 0.961])
+    positions = np.random.default_rng(0).normal(size=(len(times), 1, 3))
+    gaps = np.zeros(len(times), dtype=bool)
+    whole, resampler = Resampler(50.0).push(times, positions, gaps, 0), Resampler(50.0)
+    parts = [
+        resampler.push(times[i : i + 1], positions[i : i + 1], gaps[i : i + 1], i) for i in range(len(times))
+    ]
+    for values, of_parts in zip(whole, zip(*parts, strict=True), strict=True):
+        np.testing.assert_array_equal(np.concatenate(of_parts), values)
+
+
+@pytest.mark.parametrize(
+    ("times", "rate"),
+    [(1.7e9 + np.arange(200) / 100.0, 100.0), (np.round(np.arange(200) / 60.0, 6), 60.0)],
+)
+def test_a_rounded_clock_does_not_spread_dropouts(times: Floats, rate: float) -> None:
+    hand = np.zeros((200, 3))
+    hand[50::10] = np.nan
+    lost = np.isnan(resample(Trajectory(times, hand), rate).hand[:, 0])
+    np.testing.assert_array_equal(np.flatnonzero(lost), np.arange(50, 200, 10))
+
+
+def test_three_periods_are_no_gap_early_or_late_or_in_seconds_since_1970() -> None:
+    for begin in (0.0, 1.7e9):
+        for missing in ([5, 6], [45, 46]):
+            times = begin + np.delete(np.arange(60) / 100.0, missing)
+            assert not Period(None).gaps(np.diff(times)).any()
+
+
 @LAW
 @given(jittered(), rates)
 def test_grid_is_regular_from_the_first_frame_to_the_last(times: Floats, rate: float) -> None:
@@ -149,7 +179,8 @@ def test_between_frames_is_what_was_seen_on_both_sides(
     times, positions, gaps = stream
     grid = Resampler(rate).push(times, positions, gaps, 0)
     after, before = grid.released, np.maximum(grid.released - 1, 0)
-    between = np.abs(times[grid.frames] - grid.times) > 1e-4 / rate
+    near = 2e-3 * np.maximum(times[after] - times[before], 1.0 / rate)
+    between = np.abs(times[grid.frames] - grid.times) > near
     lost = np.isnan(positions[..., 0])
     unseen = lost[after] | lost[before] | gaps[after][:, None]
     np.testing.assert_array_equal(np.isnan(grid.positions[between, :, 0]), unseen[between])
@@ -204,7 +235,7 @@ def test_a_rate_that_is_none_is_refused(rate: float) -> None:
 @LAW
 @given(st.floats(1.0, 1000.0), arrays(np.float64, 30, elements=st.floats(0.1, 6.0)))
 def test_a_declared_rate_tells_gaps_from_the_first_interval_on(rate: float, periods: Floats) -> None:
-    expected = periods > MAX_PERIODS * (1.0 + 1e-6)
+    expected = periods > MAX_PERIODS * (1.0 + 1e-3)
     np.testing.assert_array_equal(Period(rate).gaps(periods / rate), expected)
 
 
