@@ -7,7 +7,7 @@ from typing import Any
 
 from app.registry.errors import NotFound
 from app.service import session_errors as refused
-from app.service.session_errors import SessionError
+from app.service.session_errors import Code, SessionError
 
 RETRYABLE = frozenset({1011, 1012, 1013, 4429})
 
@@ -63,14 +63,15 @@ def closing_of(error: Exception | None) -> Closing:
     if error is None:
         return Closing(1000, "ended", None)
     if isinstance(error, NotFound):
-        return _closing(4404, f"{error.kind}_not_found", str(error), None)
+        name: Code = "model_not_found" if error.kind == "model" else "version_not_found"
+        return _closing(4404, name, str(error), None)
     if isinstance(error, SessionError):
         code = next(code for kind, code in CODES if isinstance(error, kind))
         return _closing(code, error.code, error.detail, error.at_seq)
     return _closing(1011, "internal", "the server has failed; this is not the client's fault", None)
 
 
-def _closing(code: int, name: str, detail: str, at_seq: int | None) -> Closing:
+def _closing(code: int, name: Code, detail: str, at_seq: int | None) -> Closing:
     error: dict[str, Any] = {"code": name, "detail": detail, "fatal": True, "retryable": code in RETRYABLE}
     if at_seq is not None:
         error["at_seq"] = at_seq

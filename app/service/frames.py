@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from app.motion.trajectory import FARTHEST_M, Floats, Trajectory
 from app.service.geometry import Geometry, to_metres
-from app.service.session_errors import FramesRefused, MessageMalformed
+from app.service.session_errors import Code, FramesRefused, MessageMalformed
 
 Encoding = Literal["json", "f32", "f64"]
 HEADER = struct.Struct("<QII")
@@ -87,7 +87,7 @@ def from_binary(layout: Layout, payload: bytes) -> Frames:
     dtype = np.dtype("<f4" if layout.encoding == "f32" else "<f8")
     wanted = HEADER.size + n_frames * n_channels * dtype.itemsize
     if len(payload) != wanted:
-        code = "binary_cut_short" if len(payload) < wanted else "binary_too_long"
+        code: Code = "binary_cut_short" if len(payload) < wanted else "binary_too_long"
         raise MessageMalformed(
             code,
             f"{n_frames} frames of {n_channels} {layout.encoding} channels take {wanted} bytes, "
@@ -208,7 +208,7 @@ class _Check:
     seq: int
     place: int = 0
 
-    def none(self, bad: NDArray[np.bool_] | np.bool_, field: str, code: str, detail: str) -> None:
+    def none(self, bad: NDArray[np.bool_] | np.bool_, field: str, code: Code, detail: str) -> None:
         """Raise FramesRefused if any frame is bad; bad: (n_frames,)."""
         if bad.any():
             frame = int(np.argmax(bad))

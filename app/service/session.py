@@ -128,7 +128,7 @@ class Session:
                 event = stored.event
 
     async def hypotheses(self, rate_hz: float) -> AsyncIterator[str]:
-        """Yield the hypothesis of the moment as JSON text, now and after new frames; rate_hz: at most [Hz]."""
+        """Yield the newest hypothesis as JSON text, now and after new frames; rate_hz: at most [Hz]."""
         seen = 0
         while True:
             seen = await self.taken.beyond(seen)

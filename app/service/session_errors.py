@@ -17,11 +17,46 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
+Code = Literal[
+    "already_started",
+    "binary_cut_short",
+    "binary_not_declared",
+    "binary_too_long",
+    "f32_needs_rate",
+    "frames_missing",
+    "idle",
+    "internal",
+    "malformed",
+    "model_not_found",
+    "non_finite",
+    "not_reading",
+    "objects_invalid",
+    "overloaded",
+    "restarting",
+    "resume_mismatch",
+    "role_missing",
+    "session_gone",
+    "start_expected",
+    "taken_over",
+    "times_not_increasing",
+    "token_refused",
+    "too_big",
+    "unknown_type",
+    "version_not_found",
+    "write_failed",
+    "wrong_channels",
+    "wrong_objects",
+    "wrong_unit",
+]
+"""What an ``error`` of the stream can be about; stable."""
+
 
 class SessionError(Exception):
     """Root of what a session refuses."""
 
-    def __init__(self, code: str, detail: str, at_seq: int | None = None) -> None:
+    def __init__(self, code: Code, detail: str, at_seq: int | None = None) -> None:
         self.code = code
         self.detail = detail
         self.at_seq = at_seq
