@@ -14,12 +14,15 @@ from contextlib import contextmanager
 from typing import Annotated
 
 import typer
+from pydantic import ValidationError
 
 from app.api.stream_server import StreamServer, stream_config
 from app.demo import demo
 from app.main import create_app, open_lab
 from app.motion.warming import warm
 from app.registry.database import Database
+from app.registry.errors import InvalidUrl
+from app.registry.store import Store
 from app.service.worker import work
 from app.settings import Settings
 
@@ -39,11 +42,11 @@ def serve(
     port: Annotated[int | None, typer.Option(help="Port to listen on (GESTA_PORT).")] = None,
 ) -> None:
     """Serve the API; with the embedded worker also do the jobs."""
-    given = {"host": host, "port": port}
-    settings = Settings().model_copy(
-        update={name: value for name, value in given.items() if value is not None}
-    )
-    listener = socket.create_server((settings.host, settings.port), backlog=2048)
+    settings = _settings(host=host, port=port)
+    try:
+        listener = socket.create_server((settings.host, settings.port), backlog=2048)
+    except OSError as error:
+        raise _refusal(f"{settings.host}:{settings.port}: {error.strerror}") from error
     app = create_app(settings)
     config = stream_config(app, log_config=None, access_log=False)
     at, number, *_ = listener.getsockname()
@@ -56,15 +59,15 @@ def serve(
 
 @cli.command()
 def worker(
-    embedded: Annotated[bool, typer.Option(hidden=True, help="Stop with the parent.")] = False,
+    parent: Annotated[int | None, typer.Option(hidden=True, help="Stop with this process.")] = None,
 ) -> None:
     """Do the jobs: trainings and long recordings."""
-    stopped, parent = threading.Event(), os.getppid()
+    stopped = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopped.set())
-    lab = open_lab(Settings())
+    lab = open_lab(_settings())
     try:
-        work(lab, lambda: stopped.is_set() or (embedded and os.getppid() != parent))
+        work(lab, lambda: stopped.is_set() or parent not in (None, os.getppid()))
     finally:
         lab.close()
 
@@ -72,7 +75,7 @@ def worker(
 @cli.command()
 def migrate() -> None:
     """Bring the database to the newest revision; `serve` does it by itself on SQLite."""
-    database = Database(Settings().database_url)
+    database = Database(_settings().database_url)
     database.migrate()
     database.close()
 
@@ -86,12 +89,38 @@ def warm_up() -> None:
 cli.command()(demo)
 
 
+def _settings(**given: str | int | None) -> Settings:
+    """Return the settings of the environment under those given; one that is none is told by its variable."""
+    try:
+        settings = Settings.model_validate(
+            {name: value for name, value in given.items() if value is not None}
+        )
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise _refusal(f"GESTA_{str(first['loc'][0]).upper()}: {first['msg']}") from error
+    try:
+        Database(settings.database_url).close()
+    except InvalidUrl as error:
+        raise _refusal(f"GESTA_DATABASE_URL: {error}") from error
+    try:
+        Store(settings.store_url)
+    except InvalidUrl as error:
+        raise _refusal(f"GESTA_STORE_URL: {error}") from error
+    return settings
+
+
+def _refusal(message: str) -> typer.Exit:
+    typer.echo(message, err=True)
+    return typer.Exit(2)
+
+
 @contextmanager
 def _worker_beside(wanted: bool) -> Iterator[None]:
     """Keep a worker running in a process of its own; it is started again where it dies."""
     if not wanted:
         yield
         return
+    parent = str(os.getpid())
     leaving, turn = threading.Event(), threading.Lock()
     children: list[subprocess.Popen[bytes]] = []
 
@@ -100,7 +129,8 @@ def _worker_beside(wanted: bool) -> Iterator[None]:
             with turn:
                 if leaving.is_set():
                     return
-                children[:] = [subprocess.Popen([sys.executable, "-m", "app.cli", "worker", "--embedded"])]
+                command = [sys.executable, "-m", "app.cli", "worker", "--parent", parent]
+                children[:] = [subprocess.Popen(command)]  # noqa: S603 (nothing of it comes from outside)
             children[0].wait()
             leaving.wait(RESTART_S)
 

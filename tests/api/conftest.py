@@ -63,7 +63,7 @@ def working(server: Server) -> Iterator[subprocess.Popen[bytes]]:
         "GESTA_DATABASE_URL": server.database.url.render_as_string(hide_password=False),
         "GESTA_STORE_URL": str(server.store.root),
     }
-    command = [sys.executable, "-m", "app.cli", "worker", "--embedded"]
+    command = [sys.executable, "-m", "app.cli", "worker", "--parent", str(os.getpid())]
     with server.log.open("ab") as log:
         process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, **settings}, stdout=log, stderr=log)
     try:
