@@ -1,0 +1,235 @@
+"""Sessions in one process on both databases: written, failing, tidied up; no server, no sockets."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from app.motion.model import Model
+from app.motion.simulation import recording
+from app.registry import models, sessions, versions
+from app.registry.artifacts import dump_model
+from app.registry.database import Database
+from app.registry.records import SessionRecord
+from app.registry.store import Store
+from app.service.frames import Frames
+from app.service.geometry import Geometry
+from app.service.journal import Entry
+from app.service.lab import Lab
+from app.service.live import Limits, LiveSessions
+from app.service.session_archive import recording as recording_of
+from app.service.session_errors import SessionGone, WriteFailed
+from app.service.session_retention import PERIOD, keep_tidy, tidy
+from app.service.session_store import SessionStore, Wish
+
+MOTION = recording(5, 5).trajectory
+WISH = Wish("table-top", Geometry())
+RETENTION = timedelta(days=7)
+
+
+@pytest.fixture
+def lab(database: Database, store: Store, trained: Model) -> Lab:
+    """A lab with a model version, on each kind of database."""
+    digest = store.put(dump_model(trained))
+    with database.transaction() as tx:
+        models.create(tx, name="table-top", objects=trained.features.objects)
+        versions.register(
+            tx,
+            "table-top",
+            artifact_digest=digest,
+            actions=trained.names,
+            options={},
+            demonstrations=[],
+            library_versions={},
+        )
+    return Lab(database, store)
+
+
+def frames(start: int, stop: int) -> Frames:
+    """Return frames of the motion as they come from the wire."""
+    part = MOTION.part(start, stop)
+    return Frames(start, part.times, np.stack([part.hand, *part.objects.values()], axis=1))
+
+
+def live_run(lab: Lab, work: Callable[[LiveSessions], Awaitable[None]]) -> None:
+    """Let live sessions work, then drain them; nobody is there to leave."""
+
+    async def run() -> None:
+        live = LiveSessions(SessionStore(lab), Limits(drain=0.0))
+        try:
+            await work(live)
+        finally:
+            await live.drain()
+
+    asyncio.run(run())
+
+
+def record_of(lab: Lab, session_id: str) -> SessionRecord:
+    with lab.database.reading() as tx:
+        return sessions.get(tx, session_id)
+
+
+def test_what_is_taken_in_becomes_durable_in_order(lab: Lab) -> None:
+    async def work(live: LiveSessions) -> None:
+        attachment, _ = await live.open(WISH)
+        session = attachment.session
+        for start in range(0, 400, 100):
+            await session.take(frames(start, start + 100))
+        await session.saved()
+        assert record_of(lab, session.pinned.session_id).n_frames == 400
+        await session.take(frames(350, len(MOTION)))
+        await session.end(len(MOTION) - 1)
+        record = record_of(lab, session.pinned.session_id)
+        assert (record.state, record.n_frames, record.n_segments) == ("ended", len(MOTION), 4)
+        found = recording_of(lab, record.id)
+        np.testing.assert_array_equal(found.tracks["hand"], MOTION.hand)
+        np.testing.assert_array_equal(found.times, MOTION.times)
+
+    live_run(lab, work)
+
+
+def test_a_session_that_cannot_be_written_is_given_up(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(self: SessionStore, entries: Sequence[Entry]) -> None:
+        raise OSError("the disk is full")
+
+    async def work(live: LiveSessions) -> None:
+        attachment, token = await live.open(WISH)
+        session = attachment.session
+        await session.take(frames(0, 100))
+        with pytest.raises(WriteFailed):
+            await session.saved()
+        with pytest.raises(WriteFailed):
+            await session.end()
+        live.leave(attachment)
+        with pytest.raises(SessionGone):
+            await live.resume(session.pinned.session_id, token, -1, WISH)
+
+    monkeypatch.setattr(SessionStore, "write", fails)
+    live_run(lab, work)
+
+
+def test_a_session_that_is_given_up_ends_with_an_event(lab: Lab) -> None:
+    async def work(live: LiveSessions) -> None:
+        attachment, token = await live.open(WISH)
+        session_id = attachment.session.pinned.session_id
+        await attachment.session.take(frames(0, 100))
+        await attachment.session.saved()
+        live.abandon(attachment.session)
+        with pytest.raises(SessionGone):
+            await live.resume(session_id, token, -1, WISH)
+        heard = [stored.type async for stored in live.events(session_id, -1)]
+        assert heard == ["ended"]
+        assert (await live.end(session_id)).state == "ended"
+
+    live_run(lab, work)
+
+
+def test_draining_keeps_what_was_taken_in(lab: Lab) -> None:
+    ids: list[str] = []
+
+    async def work(live: LiveSessions) -> None:
+        attachment, _ = await live.open(WISH)
+        ids.append(attachment.session.pinned.session_id)
+        await attachment.session.take(frames(0, 300))
+        live.leave(attachment)
+
+    live_run(lab, work)
+    record = record_of(lab, ids[0])
+    assert (record.state, record.n_frames) == ("active", 300)
+
+
+class TestTidying:
+    def test_the_sessions_of_a_dead_process_expire(self, lab: Lab) -> None:
+        ids: list[str] = []
+
+        async def die(live: LiveSessions) -> None:
+            attachment, _ = await live.open(WISH)
+            ids.append(attachment.session.pinned.session_id)
+            await attachment.session.take(frames(0, 400))
+            await attachment.session.saved()
+            live.leave(attachment)
+
+        async def work(live: LiveSessions) -> None:
+            now = record_of(lab, ids[0]).last_seen_at
+            assert await tidy(live, RETENTION, now + timedelta(seconds=599)) == (0, 0)
+            assert record_of(lab, ids[0]).state == "active"
+            assert await tidy(live, RETENTION, now + timedelta(seconds=601)) == (1, 0)
+            assert await tidy(live, RETENTION, now + timedelta(seconds=601)) == (0, 0)
+            record = record_of(lab, ids[0])
+            assert record.state == "expired"
+            *_, last = [stored async for stored in live.events(ids[0], -1)]
+            assert (last.type, last.event) == ("ended", record.n_events - 1)
+            assert f'"segments":{record.n_segments},"frames":400' in last.text
+
+        live_run(lab, die)
+        live_run(lab, work)
+
+    def test_those_that_live_here_are_seen(self, lab: Lab) -> None:
+        async def work(live: LiveSessions) -> None:
+            attachment, _ = await live.open(WISH)
+            session = attachment.session
+            seen = record_of(lab, session.pinned.session_id).last_seen_at
+            assert await tidy(live, RETENTION, seen + timedelta(days=30)) == (0, 0)
+            moved = await session.moved.beyond(0)
+            assert moved > 0
+            record = record_of(lab, session.pinned.session_id)
+            assert record.state == "active"
+            assert record.last_seen_at > seen
+
+        live_run(lab, work)
+
+    def test_the_frames_of_finished_sessions_are_dropped(self, lab: Lab) -> None:
+        async def work(live: LiveSessions) -> None:
+            over, _ = await live.open(WISH)
+            active, _ = await live.open(WISH)
+            for attachment in (over, active):
+                await attachment.session.take(frames(0, 100))
+            await over.session.end()
+            await active.session.saved()
+            ended = record_of(lab, over.session.pinned.session_id)
+            early, late = (ended.last_seen_at + RETENTION + timedelta(seconds=s) for s in (-1, 1))
+            assert await tidy(live, RETENTION, early) == (0, 0)
+            assert await tidy(live, RETENTION, late) == (0, 1)
+            assert not record_of(lab, ended.id).frames_kept
+            assert record_of(lab, active.session.pinned.session_id).frames_kept
+            assert len(live.store.events(ended.id, -1)) == ended.n_events
+
+        live_run(lab, work)
+
+    def test_goes_on_where_the_database_fails_once(
+        self, lab: Lab, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        looks: list[datetime] = []
+        pauses: list[float] = []
+
+        async def look(live: LiveSessions, retention: timedelta, now: datetime) -> tuple[int, int]:
+            looks.append(now)
+            if len(looks) == 1:
+                raise OSError("no connection")
+            return 2, 3
+
+        async def pause(seconds: float) -> None:
+            pauses.append(seconds)
+            if len(pauses) == 2:
+                raise asyncio.CancelledError
+
+        async def work(live: LiveSessions) -> None:
+            monkeypatch.setattr("app.service.session_retention.tidy", look)
+            monkeypatch.setattr("app.service.session_retention.asyncio.sleep", pause)
+            with pytest.raises(asyncio.CancelledError):
+                await keep_tidy(live, RETENTION)
+            monkeypatch.undo()
+
+        with caplog.at_level("INFO", "app.service.session_retention"):
+            live_run(lab, work)
+        assert pauses == [PERIOD, PERIOD]
+        assert datetime.now(UTC) - looks[1] < timedelta(minutes=1)
+        messages = [record.getMessage() for record in caplog.records]
+        assert messages == [
+            "old sessions could not be tidied up",
+            "2 sessions expired, the frames of 3 dropped",
+        ]

@@ -1,0 +1,197 @@
+"""What a session is made of: frames, geometry, marks, the journal."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from app.registry.records import StoredEvent
+from app.service.frames import Layout, from_binary, from_columns, settle, trajectory
+from app.service.geometry import UNITS_PER_METRE, Geometry, LengthUnit, UpAxis, to_metres
+from app.service.journal import Entry, Journal
+from app.service.mark import Mark
+from app.service.session_errors import FramesRefused, SessionError, SessionGone, WriteFailed
+
+LAYOUT = Layout(("cup", "object"), Geometry())
+coordinates = st.floats(-90, 90)
+
+
+@st.composite
+def positions(draw: st.DrawFn, n_frames: int) -> np.ndarray[Any, Any]:
+    """Positions of hand, cup and object, (n_frames, 3, 3), some of them dropouts."""
+    found: np.ndarray[Any, Any] = draw(arrays(float, (n_frames, 3, 3), elements=coordinates))
+    found[draw(arrays(bool, (n_frames, 3)))] = np.nan
+    return found
+
+
+class TestFrames:
+    @given(found=st.integers(1, 5).flatmap(positions), first_seq=st.integers(0, 2**50))
+    def test_json_and_binary_say_the_same(self, found: np.ndarray[Any, Any], first_seq: int) -> None:
+        times = np.arange(len(found)) * 0.01
+        tracks = [
+            [None if np.isnan(position[0]) else position.tolist() for position in found[:, index]]
+            for index in range(3)
+        ]
+        objects = {"object": tracks[2], "cup": tracks[1]}
+        written = from_columns(LAYOUT, first_seq, times.tolist(), tracks[0], objects)
+        binary = Layout(LAYOUT.objects, LAYOUT.geometry, encoding="f64")
+        rows = np.column_stack([times, found.reshape(len(found), -1)])
+        packed = from_binary(
+            binary, struct.pack("<QII", first_seq, *rows.shape) + rows.astype("<f8").tobytes()
+        )
+        settled = settle(LAYOUT, written, 0, -1.0)
+        np.testing.assert_array_equal(settled, rows)
+        np.testing.assert_array_equal(settled, settle(binary, packed, 0, -1.0))
+        motion = trajectory(LAYOUT, settled, ("object",))
+        np.testing.assert_array_equal(motion.objects["object"], found[:, 2])
+        assert set(motion.objects) == {"object"}
+
+    def test_a_rate_gives_the_times_whatever_was_sent_before(self) -> None:
+        layout = Layout((), Geometry(), rate_hz=30.0)
+        frames = from_columns(layout, 7, None, [[0, 0, 0]] * 4, {})
+        whole, rest = settle(layout, frames, 0, 0.0), settle(layout, frames, 2, 0.0)
+        np.testing.assert_array_equal(whole[:, 0], np.arange(7, 11) / 30.0)
+        np.testing.assert_array_equal(rest, whole[2:])
+
+    def test_only_what_is_new_is_looked_at_and_named_by_its_number(self) -> None:
+        frames = from_columns(LAYOUT, 10, [1.0, 2.0, 3.0], [[0, 0, 0], [1, 1, 1], [900, 0, 0]], self.things())
+        with pytest.raises(FramesRefused, match=r"hand, frame 2: .*unit") as refused:
+            settle(LAYOUT, frames, 1, 1.5)
+        assert (refused.value.code, refused.value.at_seq) == ("wrong_unit", 12)
+        with pytest.raises(FramesRefused, match="t, frame 1") as refused:
+            settle(LAYOUT, frames, 1, 2.5)
+        assert (refused.value.code, refused.value.at_seq) == ("times_not_increasing", 11)
+
+    def things(self) -> dict[str, list[list[float]]]:
+        return {name: [[0.0, 0.0, 0.0]] * 3 for name in LAYOUT.objects}
+
+
+class TestGeometry:
+    @given(arrays(float, (4, 3), elements=coordinates), st.sampled_from(sorted(UNITS_PER_METRE)))
+    def test_a_turn_keeps_lengths_and_hands(self, track: np.ndarray[Any, Any], unit: LengthUnit) -> None:
+        turned = {axis: to_metres(track, Geometry(unit, axis)) for axis in axes()}
+        lengths = [np.linalg.norm(each, axis=1) * UNITS_PER_METRE[unit] for each in turned.values()]
+        np.testing.assert_allclose(lengths[0], np.linalg.norm(track, axis=1))
+        np.testing.assert_allclose(lengths[0], lengths[1])
+
+    def test_up_is_up(self) -> None:
+        x, y, z = np.eye(3)
+        turned = to_metres(np.stack([x, y, z]), Geometry("m", "y"))
+        np.testing.assert_array_equal(turned, [x, z, -y])
+        np.testing.assert_array_equal(np.cross(turned[0], turned[1]), turned[2])
+        assert not np.signbit(to_metres(np.zeros((1, 3)), Geometry("m", "y"))).any()
+
+
+def axes() -> tuple[UpAxis, UpAxis]:
+    return "y", "z"
+
+
+class TestMark:
+    def test_wakes_who_waits_for_less(self) -> None:
+        async def run() -> list[int]:
+            mark = Mark(0)
+            waiting = [asyncio.create_task(mark.beyond(value)) for value in (0, 1, 5)]
+            await asyncio.sleep(0)
+            mark.advance(2)
+            mark.advance(1)
+            await asyncio.sleep(0)
+            assert [task.done() for task in waiting] == [True, True, False]
+            mark.advance(6)
+            return await asyncio.gather(*waiting)
+
+        assert asyncio.run(run()) == [2, 2, 6]
+
+    def test_an_error_ends_the_wait_of_all_but_not_what_has_been(self) -> None:
+        async def run() -> None:
+            mark = Mark(3)
+            waiting = asyncio.create_task(mark.beyond(3))
+            await asyncio.sleep(0)
+            mark.fail(SessionGone("s"))
+            with pytest.raises(SessionGone):
+                await waiting
+            with pytest.raises(SessionGone):
+                await mark.beyond(3)
+            assert await mark.beyond(2) == 3
+
+        asyncio.run(run())
+
+
+class Source:
+    """A session, as the journal sees it; it has something to add whenever it is asked."""
+
+    def __init__(self, session_id: str) -> None:
+        self.session_id = session_id
+        self.collected = 0
+        self.durable: list[int] = []
+        self.error: SessionError | None = None
+        self.over = asyncio.Event()
+
+    def collect(self) -> Entry:
+        self.collected += 1
+        return Entry(self.session_id, 0, (), (StoredEvent(self.collected, "gap", "{}"),))
+
+    def written(self, entry: Entry) -> None:
+        self.durable += [stored.event for stored in entry.events]
+        self.over.set()
+
+    def failed(self, error: SessionError) -> None:
+        self.error = error
+        self.over.set()
+
+
+class TestJournal:
+    def test_many_sessions_share_a_transaction(self) -> None:
+        written: list[list[str]] = []
+
+        async def run() -> None:
+            journal = Journal(lambda entries: written.append([entry.session_id for entry in entries]))
+            sources = [Source(name) for name in "abc"]
+            for source in sources:
+                journal.note(source, urgent=False)
+                journal.note(source, urgent=source.session_id == "c")
+            await asyncio.gather(*(source.over.wait() for source in sources))
+            await journal.close()
+            assert [source.durable for source in sources] == [[1], [1], [1]]
+
+        asyncio.run(run())
+        assert written == [["a", "b", "c"]]
+
+    def test_a_session_that_cannot_be_written_harms_no_other(self) -> None:
+        def write(entries: Sequence[Entry]) -> None:
+            for entry in entries:
+                if entry.session_id == "gone":
+                    raise SessionGone("gone")
+                if entry.session_id == "bad":
+                    raise ValueError("bad")
+
+        async def run() -> dict[str, Source]:
+            journal = Journal(write)
+            sources = {name: Source(name) for name in ("good", "gone", "bad")}
+            for source in sources.values():
+                journal.note(source, urgent=True)
+            await asyncio.gather(*(source.over.wait() for source in sources.values()))
+            await journal.close()
+            return sources
+
+        sources = asyncio.run(run())
+        assert sources["good"].durable == [1]
+        assert isinstance(sources["gone"].error, SessionGone)
+        assert isinstance(sources["bad"].error, WriteFailed)
+
+    def test_what_waits_is_written_before_it_closes(self) -> None:
+        async def run() -> Source:
+            journal = Journal(lambda _: None)
+            source = Source("late")
+            journal.note(source, urgent=False)
+            await journal.close()
+            return source
+
+        assert asyncio.run(run()).durable == [1]
