@@ -49,7 +49,6 @@ TABLE = {
             "app.service",
             "app.registry.errors",
             "app.registry.records",
-            "app.registry.models.Changes",
         ),
     ),
     "app.dashboard": Room(),

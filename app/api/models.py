@@ -10,8 +10,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from app.api.dependencies import LabOf
 from app.api.schemas import Answer, Height, Name, ObjectName, PageSize, PageToken, Request, refusals
-from app.registry.models import Changes
-from app.registry.records import ModelRecord
+from app.registry.records import ModelChanges, ModelRecord
 from app.service import models
 
 router = APIRouter(prefix="/v1/models", tags=["models"])
@@ -46,7 +45,7 @@ class NewModel(Request):
         return self
 
 
-class ModelChanges(Request):
+class ModelChangesSent(Request):
     """What can be changed of a model; what is not named stays."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"description": "The lab's table."}]})
@@ -54,9 +53,9 @@ class ModelChanges(Request):
     description: str | None = Field(None, max_length=2000)
     table_height_m: Height = 0.0
 
-    def read(self) -> Changes:
+    def read(self) -> ModelChanges:
         """Return the fields that were sent."""
-        changes = Changes()
+        changes = ModelChanges()
         if "description" in self.model_fields_set:
             changes["description"] = self.description
         if "table_height_m" in self.model_fields_set:
@@ -135,7 +134,7 @@ def get(model: str, lab: LabOf, response: Response) -> ModelWithActions:
 
 @router.patch("/{model}", summary="Change a model", responses=refusals(404, 412))
 def update(
-    model: str, body: ModelChanges, lab: LabOf, response: Response, if_match: IfMatch = None
+    model: str, body: ModelChangesSent, lab: LabOf, response: Response, if_match: IfMatch = None
 ) -> ModelTold:
     """Description and table height can change; versions that were trained before stay as they are."""
     record = models.update(lab, model, body.read(), if_match)

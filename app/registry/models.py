@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal
 from uuid import uuid4
 
 import sqlalchemy as sa
@@ -13,17 +13,10 @@ from sqlalchemy.orm import Session
 
 from app.registry.errors import AlreadyExists, InvalidName, NotFound, PreconditionFailed
 from app.registry.paging import page_of
-from app.registry.records import ModelRecord, Page
+from app.registry.records import ModelChanges, ModelRecord, Page
 from app.registry.tables import models, now
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
-
-
-class Changes(TypedDict, total=False):
-    """What can be changed of a model; table height [m]."""
-
-    description: str | None
-    table_height_m: float
 
 
 def check_name(kind: Literal["model", "alias"], name: str) -> None:
@@ -75,7 +68,7 @@ def page(tx: Session, *, size: int, after: str | None = None) -> Page[ModelRecor
     return page_of(tx, sa.select(models), models.c.name, _record, size=size, after=after)
 
 
-def update(tx: Session, name: str, changes: Changes, *, if_match: str | None = None) -> ModelRecord:
+def update(tx: Session, name: str, changes: ModelChanges, *, if_match: str | None = None) -> ModelRecord:
     """Change a model if it is still what ``if_match`` names. Raises NotFound, PreconditionFailed."""
     _check_match(lock(tx, name), if_match)
     fresh = {"revision": uuid4().hex, "updated_at": now()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypedDict, TypeVar
 
 Json = dict[str, Any]
 JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
@@ -34,6 +34,13 @@ class ModelRecord:
     etag: str
     created_at: datetime
     updated_at: datetime
+
+
+class ModelChanges(TypedDict, total=False):
+    """What can be changed of a model; table height [m]."""
+
+    description: str | None
+    table_height_m: float
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from typing import Any
 from app.motion.trajectory import Demonstration
 from app.registry import aliases, demonstrations, models
 from app.registry.artifacts import load_demonstration
-from app.registry.models import Changes
 from app.registry.records import (
     AliasChange,
     AliasRecord,
     DemonstrationRecord,
+    ModelChanges,
     ModelRecord,
     Page,
 )
@@ -52,7 +52,7 @@ def page(lab: Lab, *, size: int, after: str | None) -> Page[ModelRecord]:
         return models.page(tx, size=size, after=after)
 
 
-def update(lab: Lab, name: str, changes: Changes, if_match: str | None) -> ModelRecord:
+def update(lab: Lab, name: str, changes: ModelChanges, if_match: str | None) -> ModelRecord:
     """Change a model. Raises NotFound, PreconditionFailed."""
     with lab.database.transaction() as tx:
         return models.update(tx, name, changes, if_match=if_match)

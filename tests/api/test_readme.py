@@ -54,9 +54,7 @@ def here(server: Server, worker: Popen[bytes]) -> str:
 def test_the_python_example_learns_recognises_and_re_enacts(here: str) -> None:
     [example] = blocks("python")
     command = [sys.executable, "-c", example.replace("http://127.0.0.1:8000", here)]
-    printed = subprocess.run(
-        command, cwd=ROOT, check=True, capture_output=True, text=True, timeout=120
-    ).stdout
+    done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True, timeout=120)
     *segments, frames = done.stdout.splitlines()
     assert [line.split()[0] for line in (segments[0], segments[-1])] == ["grasp", "retract"]
     assert frames.endswith("frames to [0.1, 0.35, 0.04]")
