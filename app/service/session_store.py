@@ -114,16 +114,20 @@ class SessionStore:
         """
         with self._lab.database.transaction() as tx:
             for entry in entries:
-                if sessions.get(tx, entry.session_id).state != "active":
+                rows = np.concatenate(entry.rows).astype("<f8").tobytes() if entry.rows else b""
+                try:
+                    record = sessions.append(
+                        tx,
+                        entry.session_id,
+                        first_seq=entry.first_seq,
+                        rows=rows,
+                        events=entry.events,
+                        ended=entry.ended,
+                    )
+                except OutOfOrder:
+                    raise SessionGone(entry.session_id) from None
+                if record.state != "active" and not entry.ended:
                     raise SessionGone(entry.session_id)
-                sessions.append(
-                    tx,
-                    entry.session_id,
-                    first_seq=entry.first_seq,
-                    rows=np.concatenate(entry.rows).astype("<f8").tobytes() if entry.rows else b"",
-                    events=entry.events,
-                    ended=entry.ended,
-                )
 
     def get(self, session_id: str) -> SessionRecord:
         """Return what is durable of a session. Raises NotFound."""
