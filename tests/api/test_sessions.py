@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from datetime import UTC, datetime, timedelta
-from itertools import pairwise
 from time import monotonic
 from typing import Any
 from uuid import uuid4
@@ -296,6 +295,7 @@ class TestEvents:
     ) -> None:
         with GestaClient(server.url) as client, talking(server) as talk:
             heard: list[tuple[float, Message]] = []
+            began = monotonic()
             session_id = talk.start(options={"hypotheses": False})["session_id"]
             listener = client.session_events(session_id, include="frames,hypotheses")
             talk.frames(MOTION, 0, 100)
@@ -318,8 +318,8 @@ class TestEvents:
         for guess in (message for message in messages if message["type"] == "hypothesis"):
             assert checked(json.dumps(guess))
         for kind in ("frame", "hypothesis"):
-            times = [at for at, message in heard if message["type"] == kind]
-            assert all(later - earlier > 0.03 for earlier, later in pairwise(times[1:]))
+            count = sum(message["type"] == kind for message in messages)
+            assert 1 <= count <= 20 * (heard[-1][0] - began) + 2
 
     def test_are_heard_from_another_process(self, server: Server) -> None:
         session_id = elsewhere(server)
