@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import Field
 
-from app.api.dependencies import LabOf
+from app.api.dependencies import LabOf, LiveOf
 from app.api.schemas import Answer, PageSize, PageToken, refusals
 from app.registry.records import JobRecord, JobState
 from app.service import jobs
@@ -98,7 +98,9 @@ def cancel(job: str, lab: LabOf) -> JobTold:
     response_class=EventSourceResponse,
     responses=refusals(404),
 )
-async def events(known: Annotated[str, Depends(_known)], lab: LabOf) -> AsyncIterator[ServerSentEvent]:
+async def events(
+    known: Annotated[str, Depends(_known)], lab: LabOf, live: LiveOf
+) -> AsyncIterator[ServerSentEvent]:
     """Server-sent events called `job`, each with the job as it is now; the last when it has ended."""
-    async for job in jobs.watch(lab, known):
+    async for job in jobs.watch(lab, known, live.draining):
         yield ServerSentEvent(event="job", data=JobTold.of(job))

@@ -15,6 +15,7 @@ from app.api.schemas import (
     Answer,
     GeometryTold,
     RecordingSent,
+    SegmentTold,
     TrajectorySent,
     Upload,
     refusals,
@@ -59,22 +60,6 @@ class Evaluation(Upload):
     )
 
     recording: RecordingSent
-
-
-class SegmentTold(Answer):
-    """A segment, as a `segment` event of the stream tells it."""
-
-    segment: int
-    start_seq: int
-    end_seq: int
-    t_start: float
-    t_end: float
-    action: str | None
-    objects: dict[str, str]
-    log_likelihoods: dict[str, float | None]
-    margin: float | None
-    model: str
-    version: int
 
 
 class SegmentsTold(Answer):

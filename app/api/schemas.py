@@ -123,6 +123,22 @@ class GeometryTold(Answer):
         return cls(length_unit=geometry.length_unit, up_axis=geometry.up_axis)
 
 
+class SegmentTold(Answer):
+    """A segment, as a `segment` event of the stream tells it."""
+
+    segment: int
+    start_seq: int
+    end_seq: int
+    t_start: float
+    t_end: float
+    action: str | None
+    objects: dict[str, str]
+    log_likelihoods: dict[str, float | None]
+    margin: float | None
+    model: str
+    version: int
+
+
 class Problem(Answer):
     """An error (RFC 9457)."""
 

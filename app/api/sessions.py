@@ -13,7 +13,7 @@ from pydantic.config import JsonDict
 from starlette.responses import Response, StreamingResponse
 
 from app.api.dependencies import LabOf, LiveOf
-from app.api.schemas import Answer, GeometryTold, PageSize, PageToken, refusals
+from app.api.schemas import Answer, GeometryTold, PageSize, PageToken, SegmentTold, refusals
 from app.api.stream_events import EventStream, Provisional, listen
 from app.api.trajectory_told import TrajectoryTold
 from app.registry.records import SessionRecord, SessionState
@@ -124,29 +124,18 @@ class SessionsTold(Answer):
     next_page_token: str | None
 
 
-class SegmentTold(Answer):
-    """A segment as the stream told it; the AsyncAPI document says what its fields are."""
+class SegmentEventTold(SegmentTold):
+    """A `segment` event of the stream; the AsyncAPI document says what its fields are."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [SEGMENT]}, extra="allow")
 
     event: int
-    segment: int
-    start_seq: int
-    end_seq: int
-    t_start: float
-    t_end: float
-    action: str | None
-    objects: dict[str, str]
-    log_likelihoods: dict[str, float | None]
-    margin: float | None
-    model: str
-    version: int
 
 
 class SegmentsTold(Answer):
     """Segments of a session, in order."""
 
-    segments: list[SegmentTold]
+    segments: list[SegmentEventTold]
 
 
 class RecordingTold(Answer):

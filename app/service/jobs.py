@@ -33,10 +33,10 @@ def cancel(lab: Lab, id_: str) -> JobRecord:
         return jobs.request_cancel(tx, id_)
 
 
-async def watch(lab: Lab, id_: str) -> AsyncIterator[JobRecord]:
-    """Yield a job whenever it has changed, until it is finished. Raises NotFound."""
+async def watch(lab: Lab, id_: str, leaving: asyncio.Event) -> AsyncIterator[JobRecord]:
+    """Yield a job whenever it has changed, until it is finished or the server leaves. Raises NotFound."""
     seen = None
-    while seen is None or not seen.finished:
+    while not (leaving.is_set() or (seen is not None and seen.finished)):
         job = await asyncio.to_thread(get, lab, id_)
         if job != seen:
             yield job

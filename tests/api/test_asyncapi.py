@@ -12,7 +12,7 @@ from jsonschema import Draft202012Validator
 from pydantic import BaseModel
 
 from app.api import stream_messages
-from app.api.sessions import SegmentTold
+from app.api.sessions import SegmentEventTold
 from app.api.stream_closing import CODES, RETRYABLE, closing_of
 from app.api.stream_messages import FRAME_FIELDS, Start, read, read_start
 from app.api.stream_server import LARGEST
@@ -102,7 +102,7 @@ class TestClientMessages:
 class TestServerMessages:
     def test_segments_over_rest_have_the_same_fields(self) -> None:
         properties = payload("segment")["properties"]
-        assert set(SegmentTold.model_fields) == set(properties) - {"type"}
+        assert set(SegmentEventTold.model_fields) == set(properties) - {"type"}
 
     def test_the_limits_are_those_of_the_example(self) -> None:
         [example] = MESSAGES["started"]["examples"]
