@@ -28,6 +28,9 @@ from benchmarks.served import Taught, server, teach_demonstrations, teach_record
 N_SEQUENCES, N_ACTIONS = 107, 3
 """The paper's test: so many sequences of so many actions (Sec. IV-A)."""
 
+N_LONG, LONG_ACTIONS = 10, 20
+"""So many recordings of more actions, as in the paper's Fig. 8."""
+
 TRAINING_SEED, FIRST_SEED = 0, 1
 """Of the simulated demonstrations, and of the first of the sequences."""
 
@@ -47,7 +50,8 @@ found."""
 SIMULATED = """\
 The paper's protocol (Sec. IV-A): trained on demonstrations of four actions at six places (seed {training}),
 {n} sequences of {actions} actions at places nobody demonstrated (seeds {first}-{last}). In *sweeping* ones
-bow and deviations are {sweep:g} times as large as in training."""
+bow and deviations are {sweep:g} times as large as in training. *Long* ones are {n_long} of {long_actions} actions \
+(Fig. 8)."""
 
 FOLDER = """\
 Each row is a model trained on all others' sequences: {folds}. The mean is over the rows of sequences."""
@@ -98,6 +102,7 @@ def simulated(client: GestaClient) -> tuple[str, list[page.Goal]]:
     results = []
     for test, conditions in (("as trained", Conditions()), ("sweeping", Conditions(sweep=SWEEP))):
         results += measure(taught, test, [recording(seed, N_ACTIONS, conditions) for seed in seeds])
+    results += measure(taught, "long", [recording(seed, LONG_ACTIONS) for seed in seeds[:N_LONG]])
     text = SIMULATED.format(
         training=TRAINING_SEED,
         n=N_SEQUENCES,
@@ -105,6 +110,8 @@ def simulated(client: GestaClient) -> tuple[str, list[page.Goal]]:
         first=seeds[0],
         last=seeds[-1],
         sweep=SWEEP,
+        n_long=N_LONG,
+        long_actions=LONG_ACTIONS,
     )
     ours, plain, *_ = (result.measures for result in results)
     return _section("Simulated", text, [_row(result) for result in results]), _paper_goals(ours, plain)
