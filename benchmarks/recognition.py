@@ -50,8 +50,8 @@ found."""
 SIMULATED = """\
 The paper's protocol (Sec. IV-A): trained on demonstrations of four actions at six places (seed {training}),
 {n} sequences of {actions} actions at places nobody demonstrated (seeds {first}-{last}). In *sweeping* ones
-bow and deviations are {sweep:g} times as large as in training. *Long* ones are {n_long} of {long_actions} actions \
-(Fig. 8)."""
+bow and deviations are {sweep:g} times as large as in training. *Long* ones are {n_long}
+of {long_actions} actions (Fig. 8)."""
 
 FOLDER = """\
 Each row is a model trained on all others' sequences: {folds}. The mean is over the rows of sequences."""
