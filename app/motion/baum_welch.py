@@ -56,8 +56,26 @@ def log_likelihoods(sequences: Sequence[Floats], chain: Chain) -> Floats:
     return np.array([hmm.score(sequence) for sequence in sequences])
 
 
+def repetition(sequences: Sequence[Floats], chain: Chain) -> float:
+    """Return how many neighbouring frames say what one independent frame would, at least 1.
+
+    Deviations from the states of the best path, in standard deviations, are summed over each sequence. The
+    mean square of such a sum is the number of frames where they are independent, and as many times more as
+    they repeat each other: the integrated autocorrelation time.
+    """
+    hmm = _LeftRight(chain, chain.variances.min(axis=0), None, 0.0)
+    repeated = []
+    for sequence in sequences:
+        states = hmm.predict(sequence)
+        deviations = (sequence - chain.means[states]) / np.sqrt(chain.variances[states])
+        repeated.append(np.mean(deviations.sum(axis=0) ** 2) / len(sequence))
+    return max(float(np.mean(repeated)), 1.0)
+
+
 class _LeftRight(GaussianHMM):  # type: ignore[misc]
     """hmmlearn's Gaussian HMM, made to end in its last state, with floored variances."""
+
+    _covars_: Floats
 
     def __init__(self, initial: Chain, floor: Floats, known: Chain | None, tolerance: float) -> None:
         super().__init__(

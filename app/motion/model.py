@@ -9,12 +9,16 @@ import numpy as np
 from app.motion.errors import UnknownAction
 from app.motion.trajectory import Floats
 
+N_INDEPENDENT = 4
+"""All features of a frame are functions of three coordinates of the hand and of the time."""
+
 
 @dataclass(frozen=True)
 class FeatureSpecification:
     """What all action models of a model observe.
 
-    objects: the roles whose distance to the hand is a feature; rate: the internal rate to which
+    They are those of ``features.encode`` [m], and the *phase*: the share of the movement's time that has gone
+    by. objects: the roles whose distance to the hand is a feature; rate: the internal rate to which
     demonstrations and streams are resampled [Hz].
     """
 
@@ -23,8 +27,8 @@ class FeatureSpecification:
 
     @property
     def n_features(self) -> int:
-        """Three deviations, the height over the table, one distance per object."""
-        return 4 + len(self.objects)
+        """Three deviations, the height over the table, one distance per object [m], and the phase."""
+        return 5 + len(self.objects)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +36,11 @@ class ActionModel:
     """The left-right Gaussian HMM of one action class (the paper's A_k).
 
     It starts in the first state, stays or goes on to the next, and ends in the last.
-    means, variances: (n_states, n_features) [m], [m^2]; stay: (n_states,) probability of staying in a
+    means, variances: (n_states, n_features); stay: (n_states,) probability of staying in a
     state; weights: (n_states,) frames that each state explained in training, which is what training
-    further goes by; durations: (n_demonstrations,) of the demonstrations [s].
+    further goes by; durations, lengths: (n_demonstrations,) of the demonstrations [s], and from start to
+    goal [m]; repetition: how many neighbouring frames of a demonstration say what one independent frame
+    would, at least 1.
     """
 
     action: str
@@ -43,23 +49,29 @@ class ActionModel:
     stay: Floats
     weights: Floats
     durations: Floats
+    lengths: Floats
+    repetition: float
 
     @property
     def n_states(self) -> int:
         """Number of hidden states."""
         return len(self.means)
 
+    @property
+    def n_demonstrations(self) -> int:
+        """Number of demonstrations that it was trained on."""
+        return len(self.durations)
+
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """What any frame of any movement might look like: a Cauchy density around all demonstrations.
+    """What any frame of any movement might look like: anywhere within ``width`` in each feature.
 
-    location, scale: (n_features,) [m]. Its heavy tails leave a movement that no class resembles to it; a
-    Gaussian would find such a movement even less likely than the classes do.
+    width: (n_features,). It does not fall off: a movement that no class resembles is left to it, and it
+    is the same whichever end points a frame is seen from.
     """
 
-    location: Floats
-    scale: Floats
+    width: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +88,11 @@ class Model:
         return tuple(model.action for model in self.actions)
 
     @property
-    def longest(self) -> float:
-        """Duration of the longest demonstration [s]."""
-        return float(max(np.max(model.durations) for model in self.actions))
+    def evidence(self) -> float:
+        """Share of the values of a segment's features that are independent evidence, 0..1."""
+        weights = [model.n_demonstrations for model in self.actions]
+        repetition = np.average([model.repetition for model in self.actions], weights=weights)
+        return N_INDEPENDENT / self.features.n_features / float(repetition)
 
     def action(self, name: str) -> ActionModel:
         """Return the action model of a class; raises UnknownAction."""

@@ -14,22 +14,21 @@ import numpy as np
 from app.motion.errors import InvalidTrajectory, RoleMissing
 from app.motion.model import Model
 from app.motion.resampling import Period, Resampler, stack
+from app.motion.rest import movement, rests
 from app.motion.search import Found, Search, bounds_of
 from app.motion.trajectory import Flags, Floats, Scene, Trajectory
 from app.motion.window import Gap, Gaps, Window
 
 Method = Literal["steps", "greedy"]
 
-INDEPENDENT = 0.1
-"""Share of frames that count as independent evidence in a hypothesis; neighbouring frames are alike."""
-
 
 @dataclass(frozen=True)
 class SegmentEvent:
-    """A final segment: frames [start, end), frame ``end`` is the goal.
+    """A final segment: frames [start, end) of a movement without the rest beside it, ``end`` is the goal.
 
-    log_likelihoods: log-likelihood ratio to the background per class [nat]; margin: the best's over the
-    second best [nat], None with one class; t_start, t_end: times of start and goal [s].
+    log_likelihoods: ``criterion`` per class, of all that lies between the boundaries found [nat], -inf where
+    a class has more states than there are points; margin: the best's over the second best [nat], None with
+    one class; t_start, t_end: times of start and goal [s].
     """
 
     start: int
@@ -93,8 +92,7 @@ class Recogniser:
 
     def finish(self) -> list[Event]:
         """Return the events that are left; there are no more frames."""
-        segments = [self._event(found) for found in self._search.finish()]
-        return [*segments, *self._gaps.finish(self._n_frames)]
+        return [*self._events(self._search.finish()), *self._gaps.finish(self._n_frames)]
 
     def hypothesis(self) -> Hypothesis | None:
         """Return what the movement under way looks like, None while nothing is under way."""
@@ -102,10 +100,10 @@ class Recogniser:
         through = self._window.n_points - 1
         if through - row.origin < self._bounds.shortest:
             return None
-        [ratios] = self._window.ratios(np.array([[row.origin, through]]))
-        if not np.isfinite(ratios).any():
+        [odds] = self._window.odds(np.array([[row.origin, through]]))
+        if not np.isfinite(odds).any():
             return None
-        weights = np.exp(INDEPENDENT * (np.append(ratios, 0.0) - max(ratios.max(), 0.0)))
+        weights = np.exp(np.append(odds, 0.0) - max(odds.max(), 0.0))
         posteriors = weights / weights.sum()
         elapsed = (through - row.origin) / self._model.features.rate
         return Hypothesis(
@@ -125,31 +123,42 @@ class Recogniser:
     def _begin(self, origin: int) -> None:
         """Start afresh: nothing that lies before has to do with what comes."""
         self._resampler = Resampler(self._model.features.rate)
-        self._search = Search(self._window.ratios, self._bounds, self._look_ahead, origin)
+        self._search = Search(self._window.criterion, self._bounds, self._look_ahead, origin)
 
     def _push(self, times: Floats, positions: Floats, jumps: Flags) -> list[Event]:
         """Take frames between which time does not jump by more than the longest segment."""
         decided: list[tuple[int, int, Event]] = []
         first, longest = self._n_frames, self._bounds.longest / self._model.features.rate
         if first > 0 and times[0] - self._time > longest:
-            decided += [(first, 1, self._event(found)) for found in self._search.finish()]
+            decided += [(first, 1, event) for event in self._events(self._search.finish())]
             self._begin(self._window.n_points)
         decided += [(gap.end, 0, gap) for gap in self._gaps.push(times, positions[:, 0], jumps, first)]
         grid = self._resampler.push(times, positions, jumps, first)
         for index, released in enumerate(grid.released.tolist()):
             self._window.append(grid, index, self._search.origin)
             found = self._search.frame() if self._window.has_room else self._search.catch_up()
-            decided += [(released, 1, self._event(segment)) for segment in found]
+            decided += [(released, 1, event) for event in self._events(found)]
         self._n_frames, self._time = first + len(times), float(times[-1])
         return [event for _, _, event in sorted(decided, key=lambda entry: entry[:2])]
 
-    def _event(self, found: Found) -> SegmentEvent:
+    def _events(self, segments: list[Found]) -> list[SegmentEvent]:
+        """Return the events of the segments that are actions and no rest."""
+        actions = [self._model.actions[int(found.ratios.argmax())] for found in segments]
+        return [
+            self._event(found, action.action)
+            for found, action in zip(segments, actions, strict=True)
+            if not rests(self._window.hand(found.start, found.end), action)
+        ]
+
+    def _event(self, found: Found, action: str) -> SegmentEvent:
         best, *others = np.sort(found.ratios)[::-1]
-        (start, t_start), (end, t_end) = self._window.frame_of(found.start), self._window.frame_of(found.end)
+        first, last = movement(self._window.hand(found.start, found.end))
+        start, t_start = self._window.frame_of(found.start + first)
+        end, t_end = self._window.frame_of(found.start + last)
         return SegmentEvent(
             start=start,
             end=end,
-            action=self._model.names[int(found.ratios.argmax())],
+            action=action,
             log_likelihoods=dict(zip(self._model.names, found.ratios.tolist(), strict=True)),
             margin=float(best - others[0]) if others else None,
             t_start=t_start,

@@ -1,6 +1,7 @@
 """Steps 1-3 of the paper (Sec. III-C): where one action ends and the next begins.
 
-The search sees only ``ratios(segments)``, so that it can be tested against a hand-written table. It works
+The search sees only ``ratios(segments)``, log-likelihood ratios to the background or a criterion made of
+them, so that it can be tested against a hand-written table. It works
 frame by frame and a bounded amount for each: what it finds, and after which frame, depends on nothing but
 the frames. Frames are counted from 0 over the whole stream.
 """
@@ -25,10 +26,13 @@ PACE = 2.5
 NEIGHBOURHOOD = 0.25
 """Successors are tried from origins within this of a candidate boundary [s]."""
 
+SPACING = 0.04
+"""These origins lie so far apart [s]: in that time a hand that starts or stops hardly moves."""
+
 STRIDE = 0.1
 """Where nothing begins, the search goes on this much later [s]."""
 
-WORK_PER_FRAME = 8000
+WORK_PER_FRAME = 5000
 """Frames of candidate segments that are looked at for each frame that arrives."""
 
 
@@ -37,13 +41,14 @@ class Bounds:
     """What the search goes by, in frames.
 
     shortest, longest: lengths of a segment; patience: how long past the best candidate boundary Step 1
-    looks for a better one; neighbourhood, stride: see the constants of this module.
+    looks for a better one; neighbourhood, spacing, stride: see the constants of this module.
     """
 
     shortest: int
     longest: int
     patience: int
     neighbourhood: int
+    spacing: int
     stride: int
 
 
@@ -57,6 +62,7 @@ def bounds_of(model: Model) -> Bounds:
         longest=int(np.ceil(durations.max() * PACE * rate)),
         patience=patience,
         neighbourhood=min(round(NEIGHBOURHOOD * rate), patience),
+        spacing=max(round(SPACING * rate), 1),
         stride=max(round(STRIDE * rate), 1),
     )
 
@@ -198,12 +204,16 @@ class Search:
             self._current = Row(row.origin + self._bounds.stride, self._bounds)
             return []
         if self._look_ahead:
-            nearby = self._bounds.neighbourhood
-            first = max(row.best_end - nearby, row.origin + self._bounds.shortest)
-            last = min(row.best_end + nearby, row.next_end - 1)
-            self._successors = [Row(origin, self._bounds) for origin in range(first, last + 1)]
+            self._successors = [Row(origin, self._bounds) for origin in self._origins()]
             return []
         return [self._end_at(Row(row.best_end, self._bounds))]
+
+    def _origins(self) -> list[int]:
+        """Return where a successor may begin: the candidate boundary and frames in its neighbourhood."""
+        row, spacing = self._current, self._bounds.spacing
+        reach = self._bounds.neighbourhood // spacing * spacing
+        nearby = range(row.best_end - reach, row.best_end + reach + 1, spacing)
+        return [origin for origin in nearby if row.origin + self._bounds.shortest <= origin < row.next_end]
 
     def _joint(self, successor: Row) -> float:
         """Step 3, Eq. (2): how well both sides of a boundary are explained [nat]."""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from app.motion.baum_welch import Chain, log_likelihoods, train_chain
+from app.motion.baum_welch import Chain, log_likelihoods, repetition, train_chain
 from app.motion.errors import FitFailed, RoleMissing, UnusableDemonstration
 from app.motion.features import BLEND, encode
 from app.motion.model import ActionModel, Background, FeatureSpecification, Model
 from app.motion.resampling import resample, smooth, stack
+from app.motion.scoring import Indices
 from app.motion.trajectory import Demonstration, Floats
 
 MIN_DEMONSTRATIONS = 2
@@ -26,7 +28,14 @@ MIN_DURATION = 0.2
 STATES = (4, 6, 8, 10, 12)
 """Numbers of states tried on each class."""
 
+PHASE_FLOOR = 0.05
+"""Least standard deviation of a state in phase: nobody times a movement better than to a twentieth."""
+
 N_FOLDS = 3
+
+BACKGROUND = 10.0
+"""Width of the background in standard deviations of all frames: 96 % of any distribution lie in it
+(Chebyshev's inequality)."""
 
 Progress = Callable[[int, int, str], None]
 
@@ -41,7 +50,7 @@ class TrainingOptions:
     """
 
     n_states: int | None = None
-    deviation_floor: float = 0.02
+    deviation_floor: float = 0.0075
     seed: int = 0
 
 
@@ -86,31 +95,33 @@ def fit_model(
     trained afresh. ``progress(done, total, message)`` is called before each class; what it raises ends the
     training. Raises RoleMissing, UnusableDemonstration, FitFailed.
     """
-    sequences: dict[str, list[Floats]] = {}
-    fresh: dict[str, list[bool]] = {}
+    examples: dict[str, list[_Example]] = {}
     for index, demonstration in enumerate(demonstrations):
         check_demonstration(index, demonstration, features)
-        sequence = observe(demonstration, features)
-        _check_length(index, demonstration.action, sequence, options)
-        sequences.setdefault(demonstration.action, []).append(sequence)
-        fresh.setdefault(demonstration.action, []).append(index not in learned)
+        example = _example(index, demonstration, features, is_new=index not in learned)
+        examples.setdefault(demonstration.action, []).append(example)
     models = []
-    for done, (action, of_class) in enumerate(sorted(sequences.items())):
-        progress(done, len(sequences), f"training {action}")
-        known = _known(base, action, fresh[action])
-        if known is not None:
-            new = [sequence for sequence, is_new in zip(of_class, fresh[action], strict=True) if is_new]
-            models.append(_fit_further(known, new, features, options) if new else known)
-        else:
+    for done, (action, of_class) in enumerate(sorted(examples.items())):
+        progress(done, len(examples), f"training {action}")
+        known = _known(base, action, of_class)
+        new = [example for example in of_class if example.is_new]
+        if known is None:
             models.append(_fit_action(action, of_class, features, options))
-    progress(len(sequences), len(sequences), "trained")
-    frames = np.concatenate([sequence for of_class in sequences.values() for sequence in of_class])
-    scale = np.maximum(frames.std(axis=0), options.deviation_floor)
-    return Model(features, tuple(models), Background(frames.mean(axis=0), scale))
+        else:
+            models.append(_fit_further(known, new, features, options) if new else known)
+    progress(len(examples), len(examples), "trained")
+    frames = np.concatenate([example.sequence for of_class in examples.values() for example in of_class])
+    width = BACKGROUND * np.maximum(frames.std(axis=0), _floor(features, options))
+    return Model(features, tuple(models), Background(width))
+
+
+def _floor(features: FeatureSpecification, options: TrainingOptions) -> Floats:
+    """Return the (n_features,) least standard deviations."""
+    return np.append(np.full(features.n_features - 1, options.deviation_floor), PHASE_FLOOR)
 
 
 def observe(demonstration: Demonstration, features: FeatureSpecification) -> Floats:
-    """Return the (n_frames, n_features) features of a demonstration, smoothed, at the internal rate [m].
+    """Return the (n_frames, n_features) features of a demonstration, smoothed, at the internal rate.
 
     Frames in which anything is missing teach nothing and are left out.
     """
@@ -118,58 +129,98 @@ def observe(demonstration: Demonstration, features: FeatureSpecification) -> Flo
     present = np.flatnonzero(~np.isnan(trajectory.hand).any(axis=1))
     trajectory = trajectory.part(0, int(present[-1]) + 1)
     tracks = stack(trajectory, features.objects)
-    sequence = encode(tracks[:, 0], tracks[:, 1:].swapaxes(0, 1), demonstration.scene.table_height)
+    positions = encode(tracks[:, 0], tracks[:, 1:].swapaxes(0, 1), demonstration.scene.table_height)
+    sequence = np.column_stack([positions, np.linspace(0.0, 1.0, len(trajectory))])
     return sequence[~np.isnan(sequence).any(axis=1)]
 
 
-def _check_length(index: int, action: str, sequence: Floats, options: TrainingOptions) -> None:
-    needed = 2 * STATES[0] if options.n_states is None else options.n_states
-    if len(sequence) < needed:
-        detail = f"has {len(sequence)} usable frames at the internal rate, needs at least {needed}"
-        raise UnusableDemonstration(index, action, detail)
+class _Example(NamedTuple):
+    """A demonstration as it is learned from.
+
+    place: its index in the list; sequence: (n_frames, n_features) [m]; duration [s]; length: from start to
+    goal [m]; is_new: whether the base has not learned from it.
+    """
+
+    place: int
+    sequence: Floats
+    duration: float
+    length: float
+    is_new: bool
 
 
-def _known(base: Model | None, action: str, fresh: Sequence[bool]) -> ActionModel | None:
+def _example(
+    index: int, demonstration: Demonstration, features: FeatureSpecification, is_new: bool
+) -> _Example:
+    times, hand = demonstration.trajectory.times, demonstration.trajectory.hand
+    return _Example(
+        place=index,
+        sequence=observe(demonstration, features),
+        duration=float(times[-1] - times[0]),
+        length=float(np.linalg.norm(hand[-1] - hand[0])),
+        is_new=is_new,
+    )
+
+
+def _check_lengths(action: str, examples: Sequence[_Example], needed: int) -> None:
+    for place, sequence, *_ in examples:
+        if len(sequence) < needed:
+            detail = f"has {len(sequence)} usable frames at the internal rate, needs at least {needed}"
+            raise UnusableDemonstration(place, action, detail)
+
+
+def _known(base: Model | None, action: str, examples: Sequence[_Example]) -> ActionModel | None:
     """Return the base's action model if all that it was trained on is still there."""
     if base is None or action not in base.names:
         return None
     known = base.action(action)
-    return known if len(known.durations) == fresh.count(False) else None
+    n_old = sum(not example.is_new for example in examples)
+    return known if known.n_demonstrations == n_old else None
 
 
 def _fit_action(
-    action: str, sequences: Sequence[Floats], features: FeatureSpecification, options: TrainingOptions
+    action: str, examples: Sequence[_Example], features: FeatureSpecification, options: TrainingOptions
 ) -> ActionModel:
-    if len(sequences) < MIN_DEMONSTRATIONS:
-        raise FitFailed(action, f"has {len(sequences)} demonstration, needs at least {MIN_DEMONSTRATIONS}")
-    floor = np.full(features.n_features, options.deviation_floor**2)
+    if len(examples) < MIN_DEMONSTRATIONS:
+        raise FitFailed(action, f"has {len(examples)} demonstration, needs at least {MIN_DEMONSTRATIONS}")
+    _check_lengths(action, examples, options.n_states or 2 * STATES[0])
+    sequences = [example.sequence for example in examples]
+    floor = _floor(features, options) ** 2
     n_states = options.n_states or _choose_states(sequences, floor, options.seed)
     chain = train_chain(sequences, _even(sequences, n_states), floor)
-    return _action_model(action, chain, _durations(sequences, features))
+    return _action_model(action, chain, examples)
 
 
 def _fit_further(
-    known: ActionModel, sequences: Sequence[Floats], features: FeatureSpecification, options: TrainingOptions
+    known: ActionModel, examples: Sequence[_Example], features: FeatureSpecification, options: TrainingOptions
 ) -> ActionModel:
-    floor = np.full(features.n_features, options.deviation_floor**2)
+    _check_lengths(known.action, examples, known.n_states)
+    floor = _floor(features, options) ** 2
     before = Chain(known.means, known.variances, known.stay, known.weights)
-    if shorter := [len(sequence) for sequence in sequences if len(sequence) < known.n_states]:
-        detail = f"has a demonstration of {shorter[0]} frames for {known.n_states} states"
-        raise FitFailed(known.action, detail)
-    chain = train_chain(sequences, before, floor, known=before)
-    durations = np.concatenate([known.durations, _durations(sequences, features)])
-    return _action_model(known.action, chain, durations)
+    chain = train_chain([example.sequence for example in examples], before, floor, known=before)
+    new = _action_model(known.action, chain, examples)
+    return replace(
+        new,
+        durations=np.concatenate([known.durations, new.durations]),
+        lengths=np.concatenate([known.lengths, new.lengths]),
+        repetition=float(
+            np.average(
+                [known.repetition, new.repetition], weights=[known.n_demonstrations, new.n_demonstrations]
+            )
+        ),
+    )
 
 
-def _action_model(action: str, chain: Chain, durations: Floats) -> ActionModel:
+def _action_model(action: str, chain: Chain, examples: Sequence[_Example]) -> ActionModel:
     if not all(np.isfinite(array).all() for array in chain):
         detail = "training gave numbers that are not finite: its demonstrations are too few or too alike"
         raise FitFailed(action, detail)
-    return ActionModel(action, chain.means, chain.variances, chain.stay, chain.weights, durations)
-
-
-def _durations(sequences: Sequence[Floats], features: FeatureSpecification) -> Floats:
-    return np.array([(len(sequence) - 1) / features.rate for sequence in sequences])
+    return ActionModel(
+        action,
+        *chain,
+        durations=np.array([example.duration for example in examples]),
+        lengths=np.array([example.length for example in examples]),
+        repetition=repetition([example.sequence for example in examples], chain),
+    )
 
 
 def _even(sequences: Sequence[Floats], n_states: int) -> Chain:
@@ -197,12 +248,12 @@ def _choose_states(sequences: Sequence[Floats], floor: Floats, seed: int) -> int
     return candidates[-1]
 
 
-def _held_out(sequences: Sequence[Floats], n_states: int, floor: Floats, fold: Floats) -> Floats:
+def _held_out(sequences: Sequence[Floats], n_states: int, floor: Floats, fold: Indices) -> Floats:
     """Return (n_sequences,) log-likelihoods, each under a chain trained on the other folds [nat]."""
     result = np.empty(len(sequences))
     for index in np.unique(fold):
         training = [s for s, of in zip(sequences, fold, strict=True) if of != index]
         chain = train_chain(training, _even(training, n_states), floor)
-        for held in np.flatnonzero(fold == index):
+        for held in np.flatnonzero(fold == index).tolist():
             result[held] = log_likelihoods([sequences[held]], chain)[0]
     return result

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.motion.criterion import Criterion
 from app.motion.model import Model
 from app.motion.resampling import Grid
-from app.motion.scoring import Indices, score_segments, states_of
+from app.motion.scoring import Indices
 from app.motion.trajectory import Flags, Floats, Scene
 
 
@@ -20,7 +22,7 @@ class Window:
     """
 
     def __init__(self, model: Model, scene: Scene, capacity: int) -> None:
-        self._states, self._table_height = states_of(model), scene.table_height
+        self._criterion = Criterion(model, scene.table_height)
         self._n_classes = len(model.actions)
         self._hand = np.empty((capacity, 3))
         self._objects = np.empty((len(model.features.objects), capacity, 3))
@@ -44,20 +46,29 @@ class Window:
         self._frames[place], self._times[place] = grid.frames[index], grid.times[index]
         self.n_points += 1
 
-    def ratios(self, segments: Indices) -> Floats:
-        """Return (n, n_classes) log-likelihood ratios; -inf where an end point is a dropout [nat]."""
-        places = segments - self._begin
-        seen = ~np.isnan(self._hand[places, 0]).any(axis=1)
-        ratios = np.full((len(segments), self._n_classes), -np.inf)
-        ratios[seen] = score_segments(
-            self._hand, self._objects, self._table_height, places[seen], self._states
-        )
-        return ratios
+    def criterion(self, segments: Indices) -> Floats:
+        """Return the (n, n_classes) criterion; -inf where an end point is a dropout [nat]."""
+        return self._of_seen(self._criterion, segments)
+
+    def odds(self, segments: Indices) -> Floats:
+        """Return the same whatever the durations."""
+        return self._of_seen(self._criterion.odds, segments)
+
+    def hand(self, start: int, end: int) -> Floats:
+        """Return (end - start + 1, 3) positions of the hand at points from start to end [m]."""
+        return self._hand[start - self._begin : end - self._begin + 1]
 
     def frame_of(self, point: int) -> tuple[int, float]:
         """Return the client's frame nearest to a point, and the point's time [s]."""
         place = point - self._begin
         return int(self._frames[place]), float(self._times[place])
+
+    def _of_seen(self, function: Callable[[Floats, Floats, Indices], Floats], segments: Indices) -> Floats:
+        places = segments - self._begin
+        seen = ~np.isnan(self._hand[places, 0]).any(axis=1)
+        values = np.full((len(segments), self._n_classes), -np.inf)
+        values[seen] = function(self._hand, self._objects, places[seen])
+        return values
 
     def _forget(self, origin: int) -> None:
         keep = slice(min(origin, self.n_points) - self._begin, self.n_points - self._begin)

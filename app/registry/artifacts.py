@@ -31,10 +31,11 @@ AXES: dict[str, tuple[Axis, ...]] = {
     "stay": ("states",),
     "weights": ("states",),
     "durations": ("demonstrations",),
+    "lengths": ("demonstrations",),
 }
 """The axes of an action model's arrays."""
 
-POSITIVE = ("variances", "durations")
+POSITIVE = ("variances", "durations", "lengths")
 PROBABILITIES = ("stay",)
 NOT_NEGATIVE = ("weights", "stay")
 
@@ -154,10 +155,9 @@ def _check(model: Model) -> None:
         raise ArtifactInvalid("actions", "must be of different classes")
     for at, action in enumerate(model.actions):
         _check_action(action, features, f"actions[{at}]")
-    for name in ("location", "scale"):
-        _check_shape(getattr(model.background, name), (features.n_features,), f"background.{name}")
-    if (model.background.scale <= 0).any():
-        raise ArtifactInvalid("background.scale", "must be positive")
+    _check_shape(model.background.width, (features.n_features,), "background.width")
+    if (model.background.width <= 0).any():
+        raise ArtifactInvalid("background.width", "must be positive")
 
 
 def _check_action(action: ActionModel, features: FeatureSpecification, place: str) -> None:
@@ -177,6 +177,8 @@ def _check_action(action: ActionModel, features: FeatureSpecification, place: st
     for name in PROBABILITIES:
         if (getattr(action, name) > 1).any():
             raise ArtifactInvalid(f"{place}.{name}", "must not be above 1")
+    if action.repetition < 1:
+        raise ArtifactInvalid(f"{place}.repetition", "must not be below 1")
 
 
 def _check_shape(array: Floats, wanted: tuple[int, ...], place: str) -> None:

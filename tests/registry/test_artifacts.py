@@ -37,7 +37,8 @@ def models(draw: st.DrawFn) -> Model:
     roles = draw(st.lists(names, max_size=2, unique=True))
     features = FeatureSpecification(tuple(roles), draw(st.floats(1.0, 1000.0)))
     width = features.n_features
-    bounds = {"variances": (1e-12, 1e6), "stay": (0.0, 1.0), "weights": (0.0, 1e9), "durations": (1e-3, 1e4)}
+    bounds = {"variances": (1e-12, 1e6), "stay": (0.0, 1.0), "weights": (0.0, 1e9)}
+    bounds |= {"durations": (1e-3, 1e4), "lengths": (1e-3, 1e2)}
 
     def action(name: str) -> ActionModel:
         sizes = {
@@ -49,10 +50,10 @@ def models(draw: st.DrawFn) -> Model:
             name: draw(numbers(tuple(sizes[axis] for axis in axes), *bounds.get(name, (-1e300, 1e300))))
             for name, axes in AXES.items()
         }
-        return ActionModel(action=name, **tables)
+        return ActionModel(action=name, **tables, repetition=draw(st.floats(1.0, 1e3)))
 
     classes = draw(st.lists(names, min_size=1, max_size=3, unique=True))
-    background = Background(draw(numbers((width,), -1e9, 1e9)), draw(numbers((width,), 1e-9, 1e9)))
+    background = Background(draw(numbers((width,), 1e-9, 1e9)))
     return Model(features, tuple(action(name) for name in classes), background)
 
 
@@ -73,7 +74,7 @@ def demonstrations(draw: st.DrawFn) -> Demonstration:
 def same(one: Any, other: Any) -> bool:
     """Whether two values are equal to the last bit."""
     if isinstance(one, np.ndarray):
-        return one.shape == other.shape and one.tobytes() == other.tobytes()
+        return bool(one.shape == other.shape) and one.tobytes() == other.tobytes()
     if isinstance(one, tuple):
         return len(one) == len(other) and all(map(same, one, other))
     if hasattr(one, "__dataclass_fields__"):
@@ -116,15 +117,15 @@ def test_the_order_of_objects_does_not_change_the_content() -> None:
 
 
 def test_every_array_of_an_action_model_has_its_axes_checked() -> None:
-    assert set(AXES) == {part.name for part in fields(ActionModel)} - {"action"}
+    assert set(AXES) == {part.name for part in fields(ActionModel)} - {"action", "repetition"}
 
 
 def a_model() -> dict[str, Any]:
-    ones = np.ones((2, 5))
-    sizes = {"states": 2, "features": 5, "demonstrations": 3}
+    features = FeatureSpecification(("object",))
+    sizes = {"states": 2, "features": features.n_features, "demonstrations": 3}
     tables = {name: np.full([sizes[axis] for axis in axes], 0.5) for name, axes in AXES.items()}
-    action = ActionModel(action="reach", **tables)
-    model = Model(FeatureSpecification(("object",)), (action,), Background(ones[0], ones[0]))
+    action = ActionModel(action="reach", **tables, repetition=2.0)
+    model = Model(features, (action,), Background(np.ones(features.n_features)))
     found: dict[str, Any] = json.loads(dump_model(model))
     return found
 
@@ -173,8 +174,13 @@ def at(*path: str | int, to: Any = None) -> Callable[[dict[str, Any]], None]:
         (at("features", "objects", to=["a", "a"]), "features.objects"),
         (at("features", "objects", to=["a", "b"]), "actions[0].means"),
         (at("features", "objects", 0, to=1), "features.objects[0]"),
-        (at("background", "scale", to=[1, 1, 0, 1, 1]), "background.scale"),
-        (at("background", "location", to=[1.0]), "background.location"),
+        (at("background", "width", 2, to=0), "background.width"),
+        (at("background", "width", to=[1.0]), "background.width"),
+        (at("background", "scale", to=[1.0]), "background.scale"),
+        (at("actions", 0, "lengths", to=[0.3]), "actions[0].lengths"),
+        (at("actions", 0, "lengths", 1, to=0.0), "actions[0].lengths"),
+        (at("actions", 0, "repetition", to=0.5), "actions[0].repetition"),
+        (at("actions", 0, "repetition", to="2"), "actions[0].repetition"),
     ],
 )
 def test_the_field_that_is_wrong_is_named(change: Callable[[dict[str, Any]], None], field: str) -> None:
@@ -195,8 +201,8 @@ def test_two_classes_of_one_name_are_refused() -> None:
 
 def test_nothing_that_would_be_refused_is_written() -> None:
     model = load_model(json.dumps(a_model()).encode())
-    broken = Model(model.features, model.actions, Background(np.full(5, np.nan), np.ones(5)))
-    with pytest.raises(ArtifactInvalid, match=r"background\.location"):
+    broken = Model(model.features, model.actions, Background(np.full(6, np.nan)))
+    with pytest.raises(ArtifactInvalid, match=r"background\.width"):
         dump_model(broken)
 
 
