@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from app.motion.criterion import Criterion
 from app.motion.model import ActionModel, Model
 from app.motion.resampling import resample, stack
-from app.motion.scoring import score_segments, states_of
 from app.motion.training import MIN_DEMONSTRATIONS, TrainingOptions, fit_model
 from app.motion.trajectory import Demonstration
 
@@ -36,21 +36,16 @@ class Validation:
 
 
 def classify(model: Model, demonstrations: Sequence[Demonstration]) -> list[str]:
-    """Return the class with the greatest log-likelihood for each whole demonstration."""
-    states = states_of(model)
+    """Return the class that each whole demonstration is of by the criterion of recognition."""
     found = []
     for demonstration in demonstrations:
         trajectory = resample(demonstration.trajectory, model.features.rate)
         present = np.flatnonzero(~np.isnan(trajectory.hand).any(axis=1))
         tracks = stack(trajectory, model.features.objects)
-        [ratios] = score_segments(
-            np.ascontiguousarray(tracks[:, 0]),
-            np.ascontiguousarray(tracks[:, 1:].swapaxes(0, 1)),
-            demonstration.scene.table_height,
-            np.array([[0, present[-1]]]),
-            states,
-        )
-        found.append(model.names[int(ratios.argmax())])
+        criterion = Criterion(model, demonstration.scene.table_height)
+        hand, objects = np.ascontiguousarray(tracks[:, 0]), np.ascontiguousarray(tracks[:, 1:].swapaxes(0, 1))
+        [of_classes] = criterion(hand, objects, np.array([[0, present[-1]]]))
+        found.append(model.names[int(of_classes.argmax())])
     return found
 
 

@@ -13,7 +13,7 @@ import pytest
 from hmmlearn.hmm import GaussianHMM
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import cauchy, norm
+from scipy.stats import t as student
 
 from app.motion.features import BLEND, encode
 from app.motion.model import ActionModel, Background, FeatureSpecification, Model
@@ -23,8 +23,6 @@ from app.motion.trajectory import Floats
 LAW = settings(derandomize=True, deadline=None, max_examples=50)
 
 TABLE = 0.7
-SENTINEL = 1e3
-"""Where hmmlearn's chain has to go at its end [m]: farther than anything else."""
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -37,7 +35,9 @@ class Motion(NamedTuple):
 
     def features(self, segment: Sequence[int]) -> Floats:
         part = slice(segment[0], segment[1] + 1)
-        return encode(self.hand[part], self.objects[:, part], TABLE)
+        positions = encode(self.hand[part], self.objects[:, part], TABLE)
+        phase = np.linspace(0.0, 1.0, len(positions))
+        return np.column_stack([positions, np.where(np.isnan(positions[:, 0]), np.nan, phase)])
 
 
 def motion_of(rng: np.random.Generator, n_frames: int, n_objects: int = 1) -> Motion:
@@ -57,12 +57,13 @@ def model_of(rng: np.random.Generator, n_states: Sequence[int], n_objects: int =
             variances=rng.uniform(0.02, 0.1, (n, n_features)) ** 2,
             stay=rng.uniform(0.05, 0.95, n),
             weights=np.ones(n),
-            durations=np.ones(2),
+            durations=np.ones(rng.integers(2, 30)),
+            lengths=np.ones(2),
+            repetition=1.0,
         )
         for index, n in enumerate(n_states)
     )
-    background = Background(rng.normal(0.0, 0.1, n_features), rng.uniform(0.05, 0.2, n_features))
-    return Model(specification, actions, background)
+    return Model(specification, actions, Background(rng.uniform(0.5, 2.0, n_features)))
 
 
 def segments_of(rng: np.random.Generator, n_frames: int, n_segments: int) -> Indices:
@@ -76,15 +77,20 @@ def ratios(model: Model, motion: Motion, segments: Indices | Sequence[Sequence[i
 
 
 def log_densities(action: ActionModel, features: Floats) -> Floats:
-    """Return (n_frames, n_states) log-densities of what is not missing."""
-    scale = np.sqrt(action.variances)
-    result: Floats = np.nansum(norm.logpdf(features[:, None], action.means, scale), axis=2)
+    """Return (n_frames, n_states) predictive log-densities of what is not missing.
+
+    A mean and a variance known from n values predict the next one by Student's t with n - 1 degrees of
+    freedom, around the mean and wider than the unbiased variance by the share 1 / n.
+    """
+    n = action.n_demonstrations
+    scale = np.sqrt(action.variances * n / (n - 1) * (1 + 1 / n))
+    result: Floats = np.nansum(student.logpdf(features[:, None], n - 1, action.means, scale), axis=2)
     return result
 
 
 def background(model: Model, features: Floats) -> float:
     """Return the log-density of what is not missing under the background."""
-    return float(np.nansum(cauchy.logpdf(features, model.background.location, model.background.scale)))
+    return float(-np.sum(~np.isnan(features) * np.log(model.background.width)))
 
 
 def viterbi(action: ActionModel, features: Floats) -> float:
@@ -97,17 +103,28 @@ def viterbi(action: ActionModel, features: Floats) -> float:
     return float(path[-1] + advance[-1])
 
 
+class Chain(GaussianHMM):  # type: ignore[misc]
+    """hmmlearn's HMM with these densities, and a last state that it ends in."""
+
+    def __init__(self, action: ActionModel) -> None:
+        n_states = action.n_states
+        super().__init__(n_states + 1)
+        self.startprob_ = np.eye(n_states + 1)[0]
+        self.transmat_ = np.diag(np.append(action.stay, 1.0)) + np.diag(1.0 - action.stay, 1)
+        self.means_, self.covars_ = np.zeros((n_states + 1, 1)), np.ones((n_states + 1, 1))
+        self.action = action
+
+    def _compute_log_likelihood(self, features: Floats) -> Floats:
+        densities = np.full((len(features), self.action.n_states + 1), -np.inf)
+        densities[:-1, :-1] = log_densities(self.action, features[:-1])
+        densities[-1, -1] = 0.0
+        return densities
+
+
 def by_hmmlearn(action: ActionModel, features: Floats) -> float:
-    """Return the same as hmmlearn finds it: a last state, SENTINEL, is reached by leaving the one before."""
-    n_states, n_features = action.means.shape
-    hmm = GaussianHMM(n_states + 1, "diag")
-    hmm.startprob_ = np.eye(n_states + 1)[0]
-    stay = np.append(action.stay, 1.0)
-    hmm.transmat_ = np.diag(stay) + np.diag(1.0 - action.stay, 1)
-    hmm.means_ = np.vstack([action.means, np.full(n_features, SENTINEL)])
-    hmm.covars_ = np.vstack([action.variances, np.ones(n_features)])
-    log_likelihood, _ = hmm.decode(np.vstack([features, np.full(n_features, SENTINEL)]))
-    return float(log_likelihood - n_features * norm.logpdf(0.0))
+    """Return the same as hmmlearn finds it."""
+    log_likelihood, _ = Chain(action).decode(np.vstack([features, features[-1]]))
+    return float(log_likelihood)
 
 
 def by_enumeration(action: ActionModel, features: Floats) -> float:
@@ -178,14 +195,14 @@ def test_the_unit_of_length_does_not_matter(seed: int, unit: float) -> None:
     rng = np.random.default_rng(seed)
     model, motion = model_of(rng, (2, 5)), motion_of(rng, 60)
     segments = segments_of(rng, 60, 8)
-    lengths = np.linalg.norm(motion.hand[segments[:, 1]] - motion.hand[segments[:, 0]], axis=1)
-    segments = segments[lengths >= BLEND]
+    across = motion.hand[segments[:, 1], :2] - motion.hand[segments[:, 0], :2]
+    segments = segments[np.linalg.norm(across, axis=1) >= BLEND]
+    units = np.append(np.full(model.features.n_features - 1, unit), 1.0)
     actions = tuple(
-        replace(action, means=unit * action.means, variances=unit**2 * action.variances)
+        replace(action, means=units * action.means, variances=units**2 * action.variances)
         for action in model.actions
     )
-    scaled = Background(unit * model.background.location, unit * model.background.scale)
-    states = states_of(replace(model, actions=actions, background=scaled))
+    states = states_of(replace(model, actions=actions, background=Background(units * model.background.width)))
     found = score_segments(unit * motion.hand, unit * motion.objects, unit * TABLE, segments, states)
     np.testing.assert_allclose(found, ratios(model, motion, segments), atol=1e-8)
 
