@@ -1,13 +1,16 @@
-"""The log-likelihood ratios of the core, written with hmmlearn: what anybody would write first."""
+"""The criterion of the core, written with hmmlearn: what anybody would write first."""
 
 from __future__ import annotations
 
 import numpy as np
 from hmmlearn.hmm import GaussianHMM
 from numpy.typing import NDArray
+from scipy.special import gammaln
 
+from app.motion.criterion import Criterion
 from app.motion.features import encode
-from app.motion.model import ActionModel, Background, Model
+from app.motion.model import ActionModel, Model
+from app.motion.scoring import predictive
 from app.motion.trajectory import Floats
 
 Indices = NDArray[np.int64]
@@ -16,46 +19,46 @@ Indices = NDArray[np.int64]
 class Chain(GaussianHMM):  # type: ignore[misc]
     """An action model as hmmlearn knows it; a path ends by leaving its last state.
 
-    What is left of the last state's transitions leads to one more state, which explains nothing.
+    What is left of the last state's transitions leads to one more state, which explains nothing. The
+    densities are Student's t, which hmmlearn does not have.
     """
 
     def __init__(self, action: ActionModel) -> None:
-        super().__init__(action.n_states + 1, "diag", init_params="")
-        self.startprob_ = np.eye(action.n_states + 1)[0]
+        n_states = action.n_states
+        super().__init__(n_states + 1, "diag", init_params="")
+        self.startprob_ = np.eye(n_states + 1)[0]
         self.transmat_ = np.diag([*action.stay, 1.0]) + np.diag(1.0 - action.stay, 1)
-        self.means_ = np.pad(action.means, ((0, 1), (0, 0)))
-        self.covars_ = np.pad(action.variances, ((0, 1), (0, 0)), constant_values=1.0)
+        self.means_, self.covars_ = np.zeros((n_states + 1, 1)), np.ones((n_states + 1, 1))
         self.leaving = float(np.log1p(-action.stay[-1]))
+        self._centre = action.means
+        self._freedom, self._scale = predictive(action)
+        peak = gammaln((self._freedom + 1.0) / 2.0) - gammaln(self._freedom / 2.0)
+        self._peak = np.sum(peak - 0.5 * np.log(np.pi * self._freedom) - np.log(self._scale), axis=1)
 
     def _compute_log_likelihood(self, features: Floats) -> Floats:
-        log_densities: Floats = super()._compute_log_likelihood(features)
-        log_densities[:, -1] = -np.inf
-        log_densities[-1, :-2] = -np.inf
-        return log_densities
+        z = (features[:, None] - self._centre) / self._scale
+        tails = np.log1p(z**2 / self._freedom).sum(axis=2)
+        densities = np.full((len(features), len(self._peak) + 1), -np.inf)
+        densities[:, :-1] = self._peak - (self._freedom + 1.0) / 2.0 * tails
+        densities[-1, :-2] = -np.inf
+        return densities
 
 
-class Ratios:
-    """``ratios(segments)`` for ``app.motion.search.Search``: one ``decode`` per segment and class.
+class PlainCriterion(Criterion):
+    """The criterion with one ``decode`` per segment and class."""
 
-    hand: (n_frames, 3) [m]; objects: (n_objects, n_frames, 3) [m]; table_height [m].
-    """
-
-    def __init__(self, model: Model, hand: Floats, objects: Floats, table_height: float) -> None:
+    def __init__(self, model: Model, table_height: float) -> None:
+        super().__init__(model, table_height)
         self._chains = [Chain(action) for action in model.actions]
-        self._background = model.background
-        self._hand, self._objects, self._table_height = hand, objects, table_height
+        self._width = model.background.width
 
-    def __call__(self, segments: Indices) -> Floats:
-        """Return (n_segments, n_classes) log-likelihood ratios to the background [nat]."""
-        return np.array([self._of_segment(start, goal) for start, goal in segments.tolist()])
+    def odds(self, hand: Floats, objects: Floats, segments: Indices) -> Floats:
+        """Return the (n_segments, n_classes) tempered log-likelihood ratios to the background [nat]."""
+        ratios = [self._ratios(hand[a : b + 1], objects[:, a : b + 1]) for a, b in segments.tolist()]
+        return self._evidence * np.array(ratios)
 
-    def _of_segment(self, start: int, goal: int) -> list[float]:
-        part = slice(start, goal + 1)
-        features = encode(self._hand[part], self._objects[:, part], self._table_height)
-        nothing = _background(features, self._background)
-        return [chain.decode(features)[0] + chain.leaving - nothing for chain in self._chains]
-
-
-def _background(features: Floats, background: Background) -> float:
-    z = (features - background.location) / background.scale
-    return -float(np.log(np.pi * background.scale * (1.0 + z * z)).sum())
+    def _ratios(self, hand: Floats, objects: Floats) -> list[float]:
+        positions = encode(hand, objects, self._table_height)
+        features = np.column_stack([positions, np.linspace(0.0, 1.0, len(hand))])
+        background = -len(features) * float(np.log(self._width).sum())
+        return [chain.decode(features)[0] + chain.leaving - background for chain in self._chains]

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,16 +19,16 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from app.client import Stream
+from app.motion.criterion import Criterion
 from app.motion.model import Model
 from app.motion.recogniser import Recogniser
 from app.motion.resampling import resample, stack
-from app.motion.scoring import score_segments, states_of
 from app.motion.search import Found, Search, bounds_of
 from app.motion.simulation import RATE, Conditions, demonstrations, recording
 from app.motion.trajectory import Floats, Trajectory
 from app.motion.warming import warm
 from benchmarks import page
-from benchmarks.by_hmmlearn import Indices, Ratios
+from benchmarks.by_hmmlearn import Indices, PlainCriterion
 from benchmarks.served import Taught, server, teach_demonstrations
 
 TRAINING_SEED, SEED = 0, 1
@@ -53,8 +54,8 @@ COST = """\
 
 RATIO = """\
 The same search, frame by frame, over the same {frames} frames at the internal rate, with the compiled
-`score_segments` and with one `GaussianHMM.decode` of hmmlearn per segment and class. Both find the same
-segments; their log-likelihood ratios differ by at most {off:.1g} nat. {n} pairs of runs, in turn,
+criterion and with one `decode` of hmmlearn per segment and class. Both find the same segments; the criterion
+differs by at most {off:.1g} nat. {n} pairs of runs, in turn,
 by the time that the process has used of its core."""
 
 TRIP = """\
@@ -129,12 +130,7 @@ def ratio_section(model: Model) -> str:
     tracks = stack(grid, model.features.objects)
     hand = np.ascontiguousarray(tracks[:, 0])
     objects = np.ascontiguousarray(tracks[:, 1:].swapaxes(0, 1))
-    states = states_of(model)
-
-    def compiled(segments: Indices) -> Floats:
-        return score_segments(hand, objects, 0.0, segments, states)
-
-    plain = Ratios(model, hand, objects, 0.0)
+    compiled, plain = (partial(kind(model, 0.0), hand, objects) for kind in (Criterion, PlainCriterion))
     ours, theirs = search(model, compiled, len(grid)), search(model, plain, len(grid))
     if [each[:2] for each in ours] != [each[:2] for each in theirs]:
         raise RuntimeError(f"the two searches do not agree: {ours} and {theirs}")
