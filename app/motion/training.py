@@ -25,11 +25,17 @@ MIN_FRAMES = 12
 MIN_DURATION = 0.2
 """Shorter than this is no action [s]."""
 
+MAX_DURATION = 600.0
+"""Longer than this is no action either: a wrong unit of time, perhaps [s]."""
+
 STATES = (4, 6, 8, 10, 12)
 """Numbers of states tried on each class."""
 
 PHASE_FLOOR = 0.05
 """Least standard deviation of a state in phase: nobody times a movement better than to a twentieth."""
+
+MIN_STAY = 0.1
+"""Training starts with no less a probability of staying: a state that can never be stayed in never will."""
 
 N_FOLDS = 3
 
@@ -69,6 +75,8 @@ def check_demonstration(index: int, demonstration: Demonstration, features: Feat
     duration = float(trajectory.times[-1] - trajectory.times[0])
     if duration < MIN_DURATION:
         raise refuse(f"lasts {duration:.3f} s, needs at least {MIN_DURATION} s")
+    if duration > MAX_DURATION:
+        raise refuse(f"lasts {duration:.3g} s, over {MAX_DURATION:g} s: a wrong unit of time?")
     tracks = stack(trajectory, features.objects)
     missing = np.isnan(tracks).any(axis=(1, 2))
     for name, frame in (("first", 0), ("last", -1)):
@@ -196,7 +204,8 @@ def _fit_further(
     _check_lengths(known.action, examples, known.n_states)
     floor = _floor(features, options) ** 2
     before = Chain(known.means, known.variances, known.stay, known.weights)
-    chain = train_chain([example.sequence for example in examples], before, floor, known=before)
+    begin = before._replace(stay=np.maximum(before.stay, MIN_STAY))
+    chain = train_chain([example.sequence for example in examples], begin, floor, known=before)
     new = _action_model(known.action, chain, examples)
     return replace(
         new,
@@ -228,7 +237,7 @@ def _even(sequences: Sequence[Floats], n_states: int) -> Chain:
     parts = [np.array_split(sequence, n_states) for sequence in sequences]
     frames = [np.concatenate(of_state) for of_state in zip(*parts, strict=True)]
     weights = np.array([float(len(of_state)) for of_state in frames])
-    stay = np.maximum(1.0 - len(sequences) / weights, 0.1)
+    stay = np.maximum(1.0 - len(sequences) / weights, MIN_STAY)
     means = np.array([of_state.mean(axis=0) for of_state in frames])
     variances = np.array([of_state.var(axis=0) for of_state in frames])
     return Chain(means, variances, stay, weights)

@@ -290,3 +290,25 @@ def test_the_default_floor_does_not_hide_a_precise_hand() -> None:
     precise: Floats = fit_model(few(0, 10, ["push"]), SPECIFICATION, TrainingOptions()).actions[0].variances
     assert np.sqrt(precise[:, 3]).min() == pytest.approx(TrainingOptions().deviation_floor)
     assert np.sqrt(precise[:, 0]).max() > 2 * TrainingOptions().deviation_floor
+
+
+@pytest.mark.parametrize("unit", [1e5, 1e12])
+def test_times_in_a_wrong_unit_are_refused_by_name(unit: float) -> None:
+    shown = reach()
+    late = replace(shown, trajectory=replace(shown.trajectory, times=shown.trajectory.times * unit))
+    with pytest.raises(UnusableDemonstration, match=r"^demonstration 1 .*wrong unit of time") as refused:
+        fit_model([shown, late], SPECIFICATION, FOUR)
+    assert refused.value.index == 1
+
+
+def test_a_state_that_lasted_one_frame_may_last_longer_in_what_comes() -> None:
+    once = np.array([[0.0], [1.0], [1.0]])
+    later = np.array([[0.0], [0.0], [0.0], [0.0], [1.0]])
+    floor, start = (
+        np.full(1, 1e-4),
+        Chain(np.array([[0.0], [1.0]]), np.full((2, 1), 1e-4), *np.ones((2, 2)) / 2),
+    )
+    known = train_chain([once, once], start, floor)
+    assert known.stay[0] == 0.0
+    further = train_chain([later, later], known._replace(stay=np.maximum(known.stay, 0.1)), floor, known)
+    np.testing.assert_allclose(further.weights, [10.0, 6.0])
