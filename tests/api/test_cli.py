@@ -15,6 +15,7 @@ import httpx
 import pytest
 
 from app.client import GestaClient
+from app.registry import models
 from app.registry.database import Database
 from tests.api.conftest import Sent
 from tests.serving import ROOT
@@ -95,7 +96,8 @@ def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
 def test_migrate_makes_the_tables(tmp_path: Path) -> None:
     subprocess.run([*GESTA, "migrate"], cwd=tmp_path, env=environment(tmp_path), check=True, timeout=60)
     database = Database(f"sqlite:///{tmp_path}/gesta.db")
-    database.ping()
+    with database.reading() as tx:
+        assert models.page(tx, size=1).records == ()
     database.close()
 
 

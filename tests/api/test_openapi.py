@@ -92,4 +92,4 @@ def test_answers_are_as_the_document_says(
         schema = document["paths"][path]["get"]["responses"]["200"]["content"]["application/json"]["schema"]
         answer = httpx.get(client.url + path.format(**known)).json()
         whole = {**schema, "components": document["components"]}
-        jsonschema.Draft202012Validator(whole).validate(answer)
+        assert not list(jsonschema.Draft202012Validator(whole).iter_errors(answer))
