@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 from uuid import uuid4
 
 import pytest
+from hypothesis import settings
 from sqlalchemy import create_engine, make_url, text
 
 from app.motion.model import FeatureSpecification, Model
@@ -41,6 +42,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     """Say how many tests did not run for want of the data."""
     if count := config.stash.get(DESELECTED, 0):
         terminalreporter.write_line(f"../shared/data is absent: {count} tests that read it did not run")
+
+
+settings.register_profile("seeded", derandomize=True, deadline=None)
+settings.load_profile("seeded")
 
 
 @pytest.fixture(scope="session")

@@ -96,18 +96,18 @@ class Recogniser:
 
     def hypothesis(self) -> Hypothesis | None:
         """Return what the movement under way looks like, None while nothing is under way."""
-        row = self._search.open
+        origin = self._search.under_way
         through = self._window.n_points - 1
-        if through - row.origin < self._bounds.shortest:
+        if through - origin < self._bounds.shortest:
             return None
-        [odds] = self._window.odds(np.array([[row.origin, through]]))
+        [odds] = self._window.odds(np.array([[origin, through]]))
         if not np.isfinite(odds).any():
             return None
         weights = np.exp(np.append(odds, 0.0) - max(odds.max(), 0.0))
         posteriors = weights / weights.sum()
-        elapsed = (through - row.origin) / self._model.features.rate
+        elapsed = (through - origin) / self._model.features.rate
         return Hypothesis(
-            start=self._window.frame_of(row.origin)[0],
+            start=self._window.frame_of(origin)[0],
             through=self._n_frames - 1,
             posteriors=dict(zip((*self._model.names, None), posteriors.tolist(), strict=True)),
             progress={a.action: min(elapsed / float(a.durations.mean()), 1.0) for a in self._model.actions},

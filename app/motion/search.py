@@ -140,11 +140,13 @@ class Search:
         return self._current.origin
 
     @property
-    def open(self) -> Row:
-        """The row of the movement under way, which begins at the last candidate boundary."""
-        if not self._successors:
-            return self._current
-        return min(self._successors, key=lambda row: abs(row.origin - self._current.best_end))
+    def under_way(self) -> int:
+        """The frame where the movement under way begins: the last candidate boundary that lies behind."""
+        row = self._current
+        if self._successors:
+            row = min(self._successors, key=lambda each: abs(each.origin - self._current.best_end))
+        has_passed = row.gain > 0.0 and self._n_frames - row.best_end > self._bounds.shortest
+        return row.best_end if has_passed else row.origin
 
     def frame(self, work: int = WORK_PER_FRAME) -> list[Found]:
         """Take one more frame; return the segments that are decided now."""

@@ -176,14 +176,16 @@ def test_a_segment_is_decided_as_soon_as_its_successor_is_complete() -> None:
     assert when == [14 + BOUNDS.patience]
 
 
-def test_the_open_row_begins_at_the_last_candidate_boundary() -> None:
+def test_the_movement_under_way_begins_at_the_last_candidate_boundary_behind() -> None:
     steps = Search(of_table(overreaching()), BOUNDS)
-    origins = []
+    begins = []
     for _ in range(18):
         steps.frame()
-        origins.append((steps.origin, steps.open.origin))
-    assert origins[0] == (0, 0)
-    assert origins[-1] == (0, 8)
+        begins.append(steps.under_way)
+    assert begins[0] == 0
+    assert begins == sorted(begins)
+    assert begins[-1] in (8, 14)
+    assert steps.origin == 0
 
 
 @pytest.mark.parametrize("origin", [0, 7])

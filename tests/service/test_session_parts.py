@@ -21,7 +21,7 @@ from app.service.mark import Mark
 from app.service.session_errors import FramesRefused, SessionError, SessionGone, WriteFailed
 
 LAYOUT = Layout(("cup", "object"), Geometry())
-coordinates = st.floats(-90, 90)
+coordinates = st.integers(-90_000_000, 90_000_000).map(lambda micrometres: micrometres / 1e6)
 
 
 @st.composite
