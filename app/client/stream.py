@@ -13,7 +13,7 @@ import queue
 import threading
 import time
 from collections.abc import AsyncIterator, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from types import TracebackType
 from typing import Any, Self
 
@@ -145,20 +145,17 @@ class AsyncStream:
     async def _reconnect(self) -> bool:
         """Connect again and send again what was lost; return whether the server has answered."""
         deadline = time.monotonic() + self._patience
-        async with self._turn:
-            while time.monotonic() < deadline:
-                try:
+        while time.monotonic() < deadline:
+            with suppress(*UNREACHABLE):
+                async with self._turn:
                     self._socket = await connect_async(self._url, **OPTIONS)
                     await self._socket.send(self.state.opening())
                     answer = self._note(await self._socket.recv())
-                    if answer.get("retryable"):
-                        raise ConnectionError(answer["code"])
-                    for message in self.state.again():
-                        await self._socket.send(message)
-                except UNREACHABLE:
-                    await asyncio.sleep(PAUSE_S)
-                else:
-                    return True
+                    if not answer.get("retryable"):
+                        for message in self.state.again():
+                            await self._socket.send(message)
+                        return True
+            await asyncio.sleep(PAUSE_S)
         return False
 
     def _note(self, text: str | bytes) -> Message:
@@ -273,22 +270,21 @@ class Stream:
             return
 
     def _reconnect(self) -> bool:
-        """Connect again and send again what was lost; return whether the server has answered."""
+        """Connect again and send again what was lost; return whether the server has answered.
+
+        Between two tries others may send: what they send is kept for when the server is back.
+        """
         deadline = time.monotonic() + self._patience
-        with self._turn:
-            while time.monotonic() < deadline and not self._leaving.is_set():
-                try:
-                    self._socket = self._sockets.enter_context(connect_sync(self._url, **OPTIONS))
-                    self._socket.send(self.state.opening())
-                    answer = self._note(self._socket.recv())
-                    if answer.get("retryable"):
-                        raise ConnectionError(answer["code"])
+        while time.monotonic() < deadline and not self._leaving.is_set():
+            with suppress(*UNREACHABLE), self._turn:
+                self._socket = self._sockets.enter_context(connect_sync(self._url, **OPTIONS))
+                self._socket.send(self.state.opening())
+                answer = self._note(self._socket.recv())
+                if not answer.get("retryable"):
                     for message in self.state.again():
                         self._socket.send(message)
-                except UNREACHABLE:
-                    self._leaving.wait(PAUSE_S)
-                else:
                     return True
+            self._leaving.wait(PAUSE_S)
         return False
 
     def _note(self, text: str | bytes) -> Message:
