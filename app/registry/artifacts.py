@@ -35,6 +35,9 @@ AXES: dict[str, tuple[Axis, ...]] = {
 }
 """The axes of an action model's arrays."""
 
+MAX_RATE, MAX_DURATION = 1000.0, 600.0
+"""What a model may ask of the memory of a stream [Hz], [s]."""
+
 POSITIVE = ("variances", "durations", "lengths")
 PROBABILITIES = ("stay",)
 NOT_NEGATIVE = ("weights", "stay")
@@ -145,8 +148,8 @@ def _list(value: Any, place: str) -> list[Any]:
 def _check(model: Model) -> None:
     """Raise ArtifactInvalid unless the parts of a model fit together."""
     features = model.features
-    if features.rate <= 0:
-        raise ArtifactInvalid("features.rate", "must be positive")
+    if not 0 < features.rate <= MAX_RATE:
+        raise ArtifactInvalid("features.rate", f"must be positive and at most {MAX_RATE:g} Hz")
     if len(set(features.objects)) < len(features.objects):
         raise ArtifactInvalid("features.objects", "must differ")
     if not model.actions:
@@ -168,6 +171,8 @@ def _check_action(action: ActionModel, features: FeatureSpecification, place: st
     }
     for name, axes in AXES.items():
         _check_shape(getattr(action, name), tuple(sizes[axis] for axis in axes), f"{place}.{name}")
+    if (action.durations > MAX_DURATION).any():
+        raise ArtifactInvalid(f"{place}.durations", f"must be at most {MAX_DURATION:g} s")
     for name in POSITIVE:
         if (getattr(action, name) <= 0).any():
             raise ArtifactInvalid(f"{place}.{name}", "must be positive")

@@ -38,7 +38,7 @@ def models(draw: st.DrawFn) -> Model:
     features = FeatureSpecification(tuple(roles), draw(st.floats(1.0, 1000.0)))
     width = features.n_features
     bounds = {"variances": (1e-12, 1e6), "stay": (0.0, 1.0), "weights": (0.0, 1e9)}
-    bounds |= {"durations": (1e-3, 1e4), "lengths": (1e-3, 1e2)}
+    bounds |= {"durations": (1e-3, 600.0), "lengths": (1e-3, 1e2)}
 
     def action(name: str) -> ActionModel:
         sizes = {
@@ -170,6 +170,8 @@ def at(*path: str | int, to: Any = None) -> Callable[[dict[str, Any]], None]:
         (at("actions", 0, "weights", 0, to=-1), "actions[0].weights"),
         (at("actions", 0, "durations", to=[]), "actions[0].durations"),
         (at("features", "rate", to=0), "features.rate"),
+        (at("features", "rate", to=1e9), "features.rate"),
+        (at("actions", 0, "durations", 0, to=1e12), "actions[0].durations"),
         (at("features", "rate", to=True), "features.rate"),
         (at("features", "objects", to=["a", "a"]), "features.objects"),
         (at("features", "objects", to=["a", "b"]), "actions[0].means"),
