@@ -185,7 +185,9 @@ async def end(session: str, live: LiveOf) -> SessionTold:
     responses=refusals(404),
 )
 def segments(
-    session: str, lab: LabOf, after: Annotated[int, Query(ge=-1, description="A segment number.")] = -1
+    session: str,
+    lab: LabOf,
+    after: Annotated[int, Query(ge=-1, lt=2**53, description="A segment number.")] = -1,
 ) -> Response:
     """Those after number `after`, as far as they are decided."""
     texts = [stored.text for stored in session_archive.segments(lab, session, after)]
@@ -215,7 +217,7 @@ def events(
     lab: LabOf,
     live: LiveOf,
     include: Annotated[str, Query(pattern=r"^((frames|hypotheses)(,(frames|hypotheses))?)?$")] = "",
-    last_event_id: Annotated[int, Header(ge=-1)] = -1,
+    last_event_id: Annotated[int, Header(ge=-1, lt=2**53)] = -1,
 ) -> Response:
     """Server-sent events named like the messages of the stream, which are their data.
 

@@ -87,7 +87,7 @@ class AliasSent(Request):
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"version": 1}]})
 
-    version: int = Field(ge=1)
+    version: int = Field(ge=1, lt=2**31)
 
 
 class AliasTold(Answer):

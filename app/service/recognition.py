@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -107,4 +108,5 @@ def _recognise(asked: Asked, progress: Progress) -> dict[str, Any]:
         messages.segment(event, number, roles, asked.model, record.number)
         for number, event in enumerate(found)
     ]
-    return {"segments": segments}
+    told: dict[str, Any] = json.loads(messages.as_json({"segments": segments}))
+    return told

@@ -84,6 +84,8 @@ def _do(lab: Lab, job_id: str) -> None:
     if job.finished:
         return
     try:
+        if job.cancel_requested:
+            raise JobCancelled
         result = HANDLERS[job.kind](lab, job, _Reporter(lab, job_id))
     except JobCancelled:
         with lab.database.transaction() as tx:
