@@ -31,6 +31,7 @@ TABLE: tuple[tuple[type[Exception], int, str], ...] = (
     (service.ContentRefused, 422, "content_refused"),
     (service.NothingToTrain, 409, "nothing_to_train"),
     (service.RecordingGone, 410, "recording_gone"),
+    (service.FramesNotDurable, 409, "frames_not_durable"),
     (session_errors.WriteFailed, 503, "write_failed"),
     (motion.UnknownAction, 404, "action_not_found"),
     (motion.InvalidRequest, 422, "invalid_request"),

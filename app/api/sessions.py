@@ -7,20 +7,31 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import Annotated, Any, Self
 
-from fastapi import APIRouter, Header, Query
+from fastapi import APIRouter, Header, Path, Query
 from pydantic import ConfigDict, Field
 from pydantic.config import JsonDict
 from starlette.responses import Response, StreamingResponse
 
 from app.api.dependencies import LabOf, LiveOf
-from app.api.schemas import Answer, GeometryTold, PageSize, PageToken, SegmentTold, refusals
+from app.api.schemas import (
+    ActionName,
+    Answer,
+    GeometryTold,
+    PageSize,
+    PageToken,
+    Request,
+    SegmentTold,
+    refusals,
+)
 from app.api.stream_events import EventStream, Provisional, listen
 from app.api.trajectory_told import TrajectoryTold
 from app.registry.records import SessionRecord, SessionState
-from app.service import session_archive
+from app.service import review, session_archive
 from app.service.session_archive import SessionRecording
 
 router = APIRouter(prefix="/v1/sessions", tags=["sessions"])
+
+Seq = Annotated[int, Field(ge=0, lt=2**53)]
 
 SESSION: JsonDict = {
     "id": "5e5510f0a4c34c2b8d0c4c3e9d3c7b1a",
@@ -138,6 +149,24 @@ class SegmentsTold(Answer):
     segments: list[SegmentEventTold]
 
 
+class Review(Request):
+    """What a segment shows, in the eyes of somebody who knows."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"action": "grasp"}]})
+
+    action: ActionName
+    start_seq: Seq | None = Field(None, description="Its first frame; default: the segment's own.")
+    end_seq: Seq | None = Field(None, description="Its goal, the last frame; default: the segment's own.")
+
+
+class Learned(Answer):
+    """What became of a reviewed segment: a demonstration, or one that the model had before."""
+
+    created: list[str]
+    duplicates: list[str]
+    model: str
+
+
 class RecordingTold(Answer):
     """The frames of a session; `trajectory`, `geometry` and `scene` are fit for an upload."""
 
@@ -192,6 +221,22 @@ def segments(
     """Those after number `after`, as far as they are decided."""
     texts = [stored.text for stored in session_archive.segments(lab, session, after)]
     return Response(f'{{"segments":[{",".join(texts)}]}}', media_type="application/json")
+
+
+@router.post(
+    "/{session}/segments/{segment}:learn",
+    status_code=201,
+    summary="Learn from a segment",
+    responses=refusals(400, 404, 409, 410),
+)
+def learn(session: str, segment: Annotated[int, Path(ge=0, lt=2**53)], body: Review, lab: LabOf) -> Learned:
+    """Reviewed, it becomes a demonstration of the session's model, while the session lives or after it.
+
+    Its objects are those that filled the roles. Kept once by content, as uploads are. 409: a frame is not
+    durable yet; 410: the frames are no longer kept.
+    """
+    model, added = review.learn_segment(lab, session, segment, body.action, body.start_seq, body.end_seq)
+    return Learned(created=list(added.created), duplicates=list(added.duplicates), model=model)
 
 
 @router.get(

@@ -127,6 +127,23 @@ class Rest(ABC, Generic[Answer]):
         """Return ``{"segments": […]}`` recognised in a session, those after number ``after``."""
         return self._message("GET", f"{_path('sessions', session_id, 'segments')}?after={after}")
 
+    def learn(
+        self,
+        session_id: str,
+        segment: int,
+        action: str,
+        start_seq: int | None = None,
+        end_seq: int | None = None,
+    ) -> Answer:
+        """Make a reviewed segment a demonstration of the session's model; returns created, duplicates, model.
+
+        start_seq, end_seq: its first frame and its goal where they differ from the segment's own.
+        """
+        path = f"{_path('sessions', session_id, 'segments', segment)}:learn"
+        span = {"start_seq": start_seq, "end_seq": end_seq}
+        given = {name: seq for name, seq in span.items() if seq is not None}
+        return self._message("POST", path, {"action": action, **given})
+
     def recording(self, session_id: str) -> Answer:
         """Return the frames of a session: its ``trajectory`` can be uploaded or segmented again."""
         return self._message("GET", _path("sessions", session_id, "recording"))

@@ -126,10 +126,17 @@ def segments(tx: Session, id_: str, *, after: int = -1, limit: int | None = None
     return _events(tx, id_, events_table.c.segment, after, limit)
 
 
-def chunks(tx: Session, id_: str) -> tuple[Chunk, ...]:
-    """Return the frames in order, as they were added; none if they are no longer kept. Raises NotFound."""
+def chunks(tx: Session, id_: str, *, start: int = 0, stop: int | None = None) -> tuple[Chunk, ...]:
+    """Return what was added at once and holds any of frames ``start..stop-1`` (None: to the last), in order.
+
+    None if the frames are no longer kept. Raises NotFound.
+    """
     get(tx, id_)
-    query = sa.select(frames_table).where(frames_table.c.session_id == id_).order_by(frames_table.c.first_seq)
+    first, columns = frames_table.c.first_seq, frames_table.c
+    query = sa.select(frames_table).where(columns.session_id == id_, first + columns.n_frames > start)
+    if stop is not None:
+        query = query.where(first < stop)
+    query = query.order_by(first)
     return tuple(Chunk(row.first_seq, row.n_frames, row.rows) for row in tx.execute(query))
 
 

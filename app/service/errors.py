@@ -6,7 +6,8 @@
     ├── ContentRefused      an upload that is no motion; names every place and what is wrong there
     ├── NothingToTrain      a training without demonstrations
     ├── JobCancelled        the job was asked to end
-    └── RecordingGone       the frames of a session are no longer kept
+    ├── RecordingGone       the frames of a session are no longer kept
+    └── FramesNotDurable    frames of a session that has not come, or not been written, so far
     SessionError            what a session refuses: see ``session_errors.py``
 """
 
@@ -34,7 +35,8 @@ class ContentRefused(ServiceError):
 
     def __init__(self, issues: Sequence[Issue]) -> None:
         self.issues = tuple(issues)
-        super().__init__(f"{self.issues[0].pointer}: {self.issues[0].detail}")
+        first = self.issues[0]
+        super().__init__(f"{first.pointer}: {first.detail}" if first.pointer else first.detail)
 
 
 class NothingToTrain(ServiceError):
@@ -53,3 +55,11 @@ class RecordingGone(ServiceError):
 
     def __init__(self, session_id: str) -> None:
         super().__init__(f"the frames of session {session_id!r} are no longer kept")
+
+
+class FramesNotDurable(ServiceError):
+    """Frames of a live session that has not come, or not been written, so far."""
+
+    def __init__(self, session_id: str, wanted: int, durable: int) -> None:
+        held = f"up to {durable - 1}" if durable else "none"
+        super().__init__(f"frame {wanted} of session {session_id!r} is not durable yet, {held} are")

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from app.motion.trajectory import Floats
+from app.motion.trajectory import Floats, Trajectory
 from app.registry import sessions
-from app.registry.records import Page, SessionRecord, SessionState, StoredEvent
+from app.registry.errors import NotFound
+from app.registry.records import Chunk, Page, SessionRecord, SessionState, StoredEvent
 from app.service.errors import RecordingGone
 from app.service.lab import Lab
 
@@ -68,17 +70,44 @@ def segments(lab: Lab, session_id: str, after: int) -> tuple[StoredEvent, ...]:
         return sessions.segments(tx, session_id, after=after)
 
 
+def segment(lab: Lab, session_id: str, number: int) -> dict[str, Any]:
+    """Return the fields of a segment of a session. Raises NotFound."""
+    with lab.database.reading() as tx:
+        found = sessions.segments(tx, session_id, after=number - 1, limit=1)
+    fields: dict[str, Any] = json.loads(found[0].text) if found else {}
+    if fields.get("segment") != number:
+        raise NotFound("segment", f"{session_id}/{number}")
+    return fields
+
+
 def recording(lab: Lab, session_id: str) -> SessionRecording:
     """Return the durable frames of a session. Raises NotFound, RecordingGone."""
     with lab.database.reading() as tx:
         record = sessions.get(tx, session_id)
         chunks = sessions.chunks(tx, session_id)
+    times, tracks = _frames(record, chunks)
+    return SessionRecording(record, times, tracks)
+
+
+def part(lab: Lab, session_id: str, start: int, stop: int) -> Trajectory:
+    """Return the durable ones of frames ``start..stop-1``, at least one. Raises NotFound, RecordingGone."""
+    with lab.database.reading() as tx:
+        record = sessions.get(tx, session_id)
+        chunks = sessions.chunks(tx, session_id, start=start, stop=stop)
+    times, tracks = _frames(record, chunks)
+    offset = chunks[0].first_seq
+    hand, *objects = (track[start - offset : stop - offset] for track in tracks.values())
+    named = dict(zip(objects_of(record), objects, strict=True))
+    return Trajectory(times[start - offset : stop - offset], hand, named)
+
+
+def _frames(record: SessionRecord, chunks: Sequence[Chunk]) -> tuple[Floats, dict[str, Floats]]:
+    """Return times (n,) and tracks, name -> (n, 3), the hand's first. Raises RecordingGone."""
     if not record.frames_kept:
-        raise RecordingGone(session_id)
+        raise RecordingGone(record.id)
     rows = np.frombuffer(b"".join(chunk.rows for chunk in chunks), "<f8").reshape(-1, len(record.channels))
     names = ("hand", *objects_of(record))
-    tracks = {name: rows[:, 1 + 3 * index : 4 + 3 * index] for index, name in enumerate(names)}
-    return SessionRecording(record, rows[:, 0], tracks)
+    return rows[:, 0], {name: rows[:, 1 + 3 * index : 4 + 3 * index] for index, name in enumerate(names)}
 
 
 def _list(values: Floats) -> Iterator[str]:

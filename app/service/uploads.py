@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from app.service.lab import Lab
 Position = Sequence[float]
 Result = TypeVar("Result")
 
+RESERVED = "rest"
+"""No action class may be called so."""
 MAX_ISSUES = 20
 """Places that a refusal names."""
 
@@ -113,7 +115,7 @@ def add_demonstrations(
         )
 
     found = _all(read, range(len(sent)))
-    return _keep(lab, model, found, specification, pointers)
+    return keep(lab, model, found, specification, pointers)
 
 
 def add_recording(
@@ -133,7 +135,7 @@ def add_recording(
     recording = read_recording(sent, labels, geometry, chosen)
     pointers = [f"/recording/segments/{index}" for index in ordered]
     meta = {"recording": lab.store.put(dump_recording(recording))}
-    return _keep(lab, model, recording.demonstrations(), specification, pointers, meta)
+    return keep(lab, model, recording.demonstrations(), specification, pointers, meta)
 
 
 def specification_of(model: ModelRecord) -> FeatureSpecification:
@@ -141,23 +143,23 @@ def specification_of(model: ModelRecord) -> FeatureSpecification:
     return FeatureSpecification(model.objects, **model.features)
 
 
-def _ground(lab: Lab, model: str, scene: Scene | None) -> tuple[FeatureSpecification, Scene]:
-    with lab.database.reading() as tx:
-        record = models.get(tx, model)
-    return specification_of(record), scene or Scene(record.table_height_m)
-
-
-def _keep(
+def keep(
     lab: Lab,
     model: str,
     found: Sequence[Demonstration],
     specification: FeatureSpecification,
     pointers: Sequence[str],
-    meta: Mapping[str, str] | None = None,
+    meta: Mapping[str, Any] | None = None,
 ) -> Added:
-    """Check all demonstrations, then store them, then acknowledge them in one transaction."""
+    """Check all demonstrations, then store them, then acknowledge them in one transaction.
+
+    pointers: the place of each in the request. Raises NotFound, ContentRefused.
+    """
 
     def check(index: int) -> None:
+        if found[index].action == RESERVED:
+            detail = f"{RESERVED!r} is what a hypothesis calls no action; name the class otherwise"
+            raise ContentRefused([Issue(f"{pointers[index]}/action", "reserved_name", detail)])
         try:
             check_demonstration(index, found[index], specification)
         except (RoleMissing, UnusableDemonstration) as error:
@@ -168,6 +170,12 @@ def _keep(
     kept = [(item, lab.store.put(dump_demonstration(item))) for item in found]
     with lab.database.transaction() as tx:
         return demonstrations.add(tx, model, [demonstrations.describe(*item, meta) for item in kept])
+
+
+def _ground(lab: Lab, model: str, scene: Scene | None) -> tuple[FeatureSpecification, Scene]:
+    with lab.database.reading() as tx:
+        record = models.get(tx, model)
+    return specification_of(record), scene or Scene(record.table_height_m)
 
 
 def _all(step: Callable[[int], Result], indices: Iterable[int]) -> list[Result]:

@@ -201,6 +201,19 @@ def test_a_labelled_recording_becomes_its_demonstrations(
         assert found["trajectory"] == as_json(demonstration)
 
 
+def test_rest_names_no_action(client: GestaClient, new_model: Callable[..., str], sent: list[Sent]) -> None:
+    motion = sent[1][1]
+    with pytest.raises(ApiError) as raised:
+        client.add_demonstrations(new_model(), [sent[0], ("rest", motion), ("idle", motion)])
+    [found] = raised.value.problem["errors"]
+    assert (found["pointer"], found["code"]) == ("/demonstrations/1/action", "reserved_name")
+    labels = [{"action": "rest", "start_s": 0.0, "end_s": motion["t"][-1]}]
+    with pytest.raises(ApiError) as raised:
+        client.add_recording(new_model(), motion, labels)
+    [found] = raised.value.problem["errors"]
+    assert (found["pointer"], found["code"]) == ("/recording/segments/0/action", "reserved_name")
+
+
 @pytest.mark.parametrize(
     ("labels", "place"),
     [

@@ -10,6 +10,7 @@ import jsonschema
 import pytest
 
 from app.client import GestaClient
+from app.motion.simulation import recording
 from tests.serving import Server
 
 METHODS = ("get", "post", "put", "patch", "delete")
@@ -65,7 +66,13 @@ def test_every_request_refuses_unknown_fields_and_gives_an_example(document: dic
 
 
 def test_examples_work_when_pasted(document: dict[str, Any], client: GestaClient, table_top: str) -> None:
+    motion = recording(5, 5).trajectory
+    with client.stream(table_top) as stream:
+        stream.send(motion.times, motion.hand, motion.objects)
+        stream.end()
+        assert [message["type"] for message in stream][-1] == "ended"
     known = {"model": table_top, "ref": "latest", "action": "grasp", "alias": "production"}
+    known |= {"session": stream.state.started["session_id"], "segment": "0"}
     pasted = 0
     for method, path, operation in operations(document):
         if "requestBody" not in operation or "versions:import" in path:
@@ -75,7 +82,7 @@ def test_examples_work_when_pasted(document: dict[str, Any], client: GestaClient
             answer = httpx.request(method, client.url + path.format(**known), json=body)
             assert answer.status_code in (200, 201, 202), (method, path, answer.text)
             pasted += 1
-    assert pasted >= 7
+    assert pasted >= 8
 
 
 def test_answers_are_as_the_document_says(
