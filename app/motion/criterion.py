@@ -1,56 +1,86 @@
-"""The one criterion that segments and classes are chosen by, in Steps 1 and 3 of the paper.
+"""The one criterion that segmentations are chosen by.
 
-It is the log posterior odds of a class against the background, up to a constant:
+A segmentation divides a stream into actions and rest, and its value [nat] is the sum over its parts. An
+action between two points counts
 
     evidence * log-likelihood ratio + log p(duration) - max log p(duration)
+
+which is, up to a constant, the log posterior odds of its class against the background; the search takes off
+``START`` for each, so that few segments are better than many.
 
 Neighbouring frames are not independent. A plain HMM counts them as if they were, many times over what they
 say, and its ratio then outweighs how long an action takes. ``evidence`` is the share of the frames that are
 independent, learned from how much the demonstrations' deviations from their states repeat themselves; it
 tempers the likelihood as composite likelihoods are (Pauli, Racugno and Ventura 2011). Durations are
 log-normal. No part has a unit: the same data in millimetres give the same numbers.
+
+Rest counts ``REST`` of what the frames of a typical action do, as long as the hand is no faster than where
+demonstrations begin and end; the faster it is, the less.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from app.motion.model import ActionModel, Model
+from app.motion.conditioning import Tracks
+from app.motion.features import BLEND
+from app.motion.model import Model
 from app.motion.scoring import Indices, score_segments, states_of
 from app.motion.trajectory import Floats
 
-PACE = 0.2
-"""Least standard deviation of the logarithm of durations: people differ in pace by a fifth."""
+START = 6.0
+"""What an action must explain better than its neighbours to be one [nat]: it begins once in e^6 frames."""
+
+REST = 0.8
+"""A frame of rest is as good as this share of a typical action's: new people get about so much for theirs."""
+
+LEAST_REST = -10.0
+"""A frame that is surely no rest counts no less than this [nat]."""
+
+NEARER = 2.5
+"""An action goes at most this many times less far than any demonstration of it."""
+
+
+class Scores(NamedTuple):
+    """What classes say of segments, each (n_segments, n_classes).
+
+    criterion [nat], -inf where a class cannot be; ratio: log-likelihood ratio to the background [nat per
+    frame]; filling: index of the best.
+    """
+
+    criterion: Floats
+    ratio: Floats
+    filling: Indices
 
 
 class Criterion:
-    """The criterion of a model's classes on one table."""
+    """The criterion of a model's classes on one table; fillings: (n_fillings, n_roles) objects in roles."""
 
-    def __init__(self, model: Model, table_height: float) -> None:
-        self._states, self._table_height = states_of(model), table_height
-        self._evidence, self._rate = model.evidence, model.features.rate
-        self._paces = np.array([_pace(action) for action in model.actions])
+    def __init__(self, model: Model, table_height: float, fillings: Indices) -> None:
+        self._states, self._table_height, self._fillings = states_of(model), table_height, fillings
+        self._evidence, self._rate, self._rest = model.evidence, model.features.rate, model.rest
+        self._tempo = np.array([action.tempo for action in model.actions])
+        self._nearest = np.array([max(a.lengths.min() / NEARER, BLEND) for a in model.actions])
+        self.typical = float(self._evidence * model.familiarity.typical.mean())
 
-    def __call__(self, hand: Floats, objects: Floats, segments: Indices) -> Floats:
-        """Return the (n_segments, n_classes) criterion [nat].
+    def __call__(self, tracks: Tracks, segments: Indices) -> Scores:
+        """Return the scores of segments.
 
-        hand: (n_frames, 3) [m]; objects: (n_objects, n_frames, 3) [m], at the internal rate; segments:
-        (n_segments, 2) first and goal frame, neither a dropout of the hand.
+        segments: (n_segments, 2) first and goal frame, neither a dropout of the hand.
         """
-        seconds = (segments[:, 1] - segments[:, 0]) / self._rate
-        mean, deviation = self._paces.T
-        slowness = (np.log(seconds)[:, None] - mean) / deviation
-        criterion: Floats = self.odds(hand, objects, segments) - 0.5 * slowness**2
-        return criterion
+        ratios, filled = score_segments(tracks, self._table_height, segments, self._states, self._fillings)
+        n_frames = segments[:, 1] - segments[:, 0]
+        mean, deviation = self._tempo.T
+        slowness = (np.log(n_frames / self._rate)[:, None] - mean) / deviation
+        criterion = self._evidence * ratios - 0.5 * slowness**2
+        way = np.linalg.norm(tracks.hand[segments[:, 1]] - tracks.hand[segments[:, 0]], axis=1)
+        criterion[way[:, None] < self._nearest] = -np.inf
+        return Scores(criterion, ratios / (n_frames + 1)[:, None], filled)
 
-    def odds(self, hand: Floats, objects: Floats, segments: Indices) -> Floats:
-        """Return the same whatever the durations: what can be said of a movement that is under way [nat]."""
-        ratios: Floats = score_segments(hand, objects, self._table_height, segments, self._states)
-        return self._evidence * ratios
-
-
-def _pace(action: ActionModel) -> tuple[float, float]:
-    """Return mean and standard deviation of the logarithm of durations in seconds."""
-    logs = np.log(action.durations)
-    spread = float(logs.std(ddof=1)) if len(logs) > 1 else 0.0
-    return float(logs.mean()), max(spread, PACE)
+    def rest(self, pace: Floats) -> Floats:
+        """Return what frames count as rest [nat], 0 for a dropout; pace: (n,) of the hand."""
+        faster = np.maximum(pace - self._rest.pace, 0.0) / self._rest.spread
+        counted = REST * self.typical + np.maximum(-0.5 * faster**2, LEAST_REST)
+        return np.nan_to_num(counted, nan=0.0)

@@ -12,14 +12,24 @@ from app.motion.trajectory import Floats
 N_INDEPENDENT = 4
 """All features of a frame are functions of three coordinates of the hand and of the time."""
 
+N_OF_MOVEMENT, N_OF_ROLE = 6, 2
+"""Features of a frame that tell of the movement, and of each role."""
+
+PACE, PHASE = 4, 5
+"""Columns of the hand's pace and of the phase."""
+
+PACE_SPREAD, LENGTH_SPREAD = 0.3, 0.3
+"""Least standard deviations of the logarithms of durations and of lengths: people differ by a third."""
+
 
 @dataclass(frozen=True)
 class FeatureSpecification:
     """What all action models of a model observe.
 
-    They are those of ``features.encode`` [m], and the *phase*: the share of the movement's time that has gone
-    by. objects: the roles whose distance to the hand is a feature; rate: the internal rate to which
-    demonstrations and streams are resampled [Hz].
+    Of the movement: its deviation (three) and the height over the table [m] as in ``features.encode``, the
+    pace of the hand (``conditioning``), and the *phase*, the share of the movement's time that has gone by.
+    Of each role: the distance of its object to the hand [m] and the pace of the object. objects: the roles;
+    rate: the internal rate to which demonstrations and streams are resampled [Hz].
     """
 
     objects: tuple[str, ...] = ()
@@ -27,8 +37,8 @@ class FeatureSpecification:
 
     @property
     def n_features(self) -> int:
-        """Three deviations, the height over the table, one distance per object [m], and the phase."""
-        return 5 + len(self.objects)
+        """Six of the movement, two of each role."""
+        return N_OF_MOVEMENT + N_OF_ROLE * len(self.objects)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +72,16 @@ class ActionModel:
         """Number of demonstrations that it was trained on."""
         return len(self.durations)
 
+    @property
+    def tempo(self) -> tuple[float, float]:
+        """Mean and standard deviation of the logarithm of durations in seconds."""
+        return _log_normal(self.durations, PACE_SPREAD)
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Mean and standard deviation of the logarithm of lengths in metres."""
+        return _log_normal(self.lengths, LENGTH_SPREAD)
+
 
 @dataclass(frozen=True, eq=False)
 class Background:
@@ -75,12 +95,34 @@ class Background:
 
 
 @dataclass(frozen=True, eq=False)
+class Familiarity:
+    """How well classes explain demonstrations, in log-likelihood ratio to the background [nat per frame].
+
+    typical: (n_classes,) what a class gets for its own; least: (n_classes,) what a movement must get to be
+    of the class at all, learned from what the class gets for the demonstrations of all others.
+    """
+
+    typical: Floats
+    least: Floats
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The pace that a hand has where an action begins or ends, mean and spread: slower is rest."""
+
+    pace: float
+    spread: float
+
+
+@dataclass(frozen=True, eq=False)
 class Model:
-    """Action models that share one feature specification, and the background they are held against."""
+    """Action models that share one feature specification, and what they are held against."""
 
     features: FeatureSpecification
     actions: tuple[ActionModel, ...]
     background: Background
+    familiarity: Familiarity
+    rest: Rest
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -100,3 +142,9 @@ class Model:
             if model.action == name:
                 return model
         raise UnknownAction(name, self.names)
+
+
+def _log_normal(values: Floats, least_spread: float) -> tuple[float, float]:
+    logs = np.log(values)
+    spread = float(logs.std(ddof=1)) if len(logs) > 1 else 0.0
+    return float(logs.mean()), max(spread, least_spread)

@@ -6,51 +6,46 @@ object, and what it finds does not depend on how the frames were cut into chunks
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from app.motion.conditioning import Conditioned, Conditioner
+from app.motion.decoding import UNKNOWN, Decoder, limits_of
 from app.motion.errors import InvalidTrajectory, RoleMissing
+from app.motion.hypothesis import Hypothesis, believe, expected, likely_goals
 from app.motion.model import Model
 from app.motion.resampling import Period, Resampler, stack
-from app.motion.rest import movement, rests
+from app.motion.rest import movement
+from app.motion.roles import fillings
 from app.motion.search import Found, Search, bounds_of
 from app.motion.trajectory import Flags, Floats, Scene, Trajectory
 from app.motion.window import Gap, Gaps, Window
 
-Method = Literal["steps", "greedy"]
+Method = Literal["viterbi", "steps", "greedy"]
 
 
 @dataclass(frozen=True)
 class SegmentEvent:
     """A final segment: frames [start, end) of a movement without the rest beside it, ``end`` is the goal.
 
-    log_likelihoods: ``criterion`` per class, of all that lies between the boundaries found [nat], -inf where
-    a class has more states than there are points; margin: the best's over the second best [nat], None with
-    one class; t_start, t_end: times of start and goal [s].
+    action: None if it is of no class; objects: role -> the object that fills it; log_likelihoods:
+    ``criterion`` per class [nat], -inf where a class cannot be; margin: the best's over the second best
+    [nat], None with one class; novelty: how much less the best class explains of it than of its own
+    demonstrations [nat per frame]; t_start, t_end: times of start and goal [s].
     """
 
     start: int
     end: int
-    action: str
+    action: str | None
+    objects: dict[str, str]
     log_likelihoods: dict[str, float]
     margin: float | None
+    novelty: float
     t_start: float
     t_end: float
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """What the movement under way may be; provisional.
-
-    posteriors: per class, None for none of them, summing to 1; progress: per class, 0..1.
-    """
-
-    start: int
-    through: int
-    posteriors: dict[str | None, float]
-    progress: dict[str, float]
 
 
 Event = SegmentEvent | Gap
@@ -59,17 +54,30 @@ Event = SegmentEvent | Gap
 class Recogniser:
     """Recognises the actions of one stream.
 
-    method: ``steps`` for the paper's Steps 1-3, ``greedy`` for Step 1 alone; rate: of the client's frames
-    [Hz] where it declares one, else it is learned from their times. Raises InvalidTrajectory and RoleMissing
-    on frames it refuses; these leave it as it was.
+    method: ``viterbi`` for the best division of all that was seen, ``steps`` for the paper's Steps 1-3,
+    ``greedy`` for its Step 1 alone; rate: of the client's frames [Hz] where it declares one, else it is
+    learned from their times; objects: names of those that the stream carries, by default the roles; goals:
+    named places (3,) [m] where movements may go; bound: how long after its end a segment is decided at the
+    latest [s], by default as long as the longest. Raises RoleMissing and InvalidRequest for objects that
+    cannot fill the roles, InvalidTrajectory and RoleMissing on frames it refuses; these leave it as it was.
     """
 
     def __init__(
-        self, model: Model, scene: Scene = Scene(), method: Method = "steps", rate: float | None = None
+        self,
+        model: Model,
+        scene: Scene = Scene(),
+        method: Method = "viterbi",
+        rate: float | None = None,
+        objects: tuple[str, ...] | None = None,
+        goals: Mapping[str, Floats] = {},
+        bound: float | None = None,
     ) -> None:
-        self._model, self._look_ahead = model, method == "steps"
-        self._bounds = bounds_of(model)
-        self._window = Window(model, scene, 4 * self._bounds.longest)
+        self._model, self._method, self._goals = model, method, dict(goals)
+        self._objects = model.features.objects if objects is None else objects
+        self._fillings = fillings(model.features.objects, self._objects)
+        self._limits, self._bounds = limits_of(model, bound), bounds_of(model)
+        capacity = 4 * self._limits.longest + self._limits.spacing
+        self._window = Window(model, scene, self._fillings, len(self._objects), capacity)
         self._period = Period(rate)
         self._gaps = Gaps()
         self._n_frames, self._time = 0, -np.inf
@@ -78,13 +86,13 @@ class Recogniser:
     def push(self, frames: Trajectory) -> list[Event]:
         """Take frames that follow those before; return the events that they decide, in order."""
         self._check(frames)
-        positions = stack(frames, self._model.features.objects)
+        positions = stack(frames, self._objects)
         intervals = np.diff(frames.times, prepend=self._time)
         jumps = np.zeros(len(frames), dtype=bool)
         first = 1 if self._n_frames == 0 else 0
         jumps[first:] = self._period.gaps(intervals[first:])
         events: list[Event] = []
-        starts = np.flatnonzero(intervals > self._bounds.longest / self._model.features.rate)
+        starts = np.flatnonzero(intervals > self._limits.longest / self._model.features.rate)
         for part in np.split(np.arange(len(frames)), starts):
             if len(part):
                 events += self._push(frames.times[part], positions[part], jumps[part])
@@ -92,83 +100,116 @@ class Recogniser:
 
     def finish(self) -> list[Event]:
         """Return the events that are left; there are no more frames."""
-        return [*self._events(self._search.finish()), *self._gaps.finish(self._n_frames)]
+        return [*self._finish_search(), *self._gaps.finish(self._n_frames)]
 
     def hypothesis(self) -> Hypothesis | None:
-        """Return what the movement under way looks like, None while nothing is under way."""
-        origin = self._search.under_way
-        through = self._window.n_points - 1
-        if through - origin < self._bounds.shortest:
+        """Return what the movement under way looks like, None where nothing is known; ``viterbi`` only."""
+        if not isinstance(self._search, Decoder) or self._n_frames == 0:
             return None
-        [odds] = self._window.odds(np.array([[origin, through]]))
-        if not np.isfinite(odds).any():
+        through = self._window.look_ahead(self._conditioner.ahead())
+        alternatives = self._search.alternatives(through)
+        if not alternatives:
             return None
-        weights = np.exp(np.append(odds, 0.0) - max(odds.max(), 0.0))
-        posteriors = weights / weights.sum()
-        elapsed = (through - origin) / self._model.features.rate
+        typical = self._window.typical
+        unknown = [each.base + UNKNOWN * typical * (through - each.point) for each in alternatives]
+        belief = believe(alternatives, unknown, len(self._model.actions))
+        start = self._window.frame_of(alternatives[0].point)[0]
         return Hypothesis(
-            start=self._window.frame_of(origin)[0],
+            start=start,
             through=self._n_frames - 1,
-            posteriors=dict(zip((*self._model.names, None), posteriors.tolist(), strict=True)),
-            progress={a.action: min(elapsed / float(a.durations.mean()), 1.0) for a in self._model.actions},
+            actions=expected(belief, self._model.names),
+            goals=likely_goals(belief, self._candidates(through)),
         )
 
+    def _candidates(self, through: int) -> dict[str, Floats]:
+        """Return where a movement may go: the objects that are seen, and the goals that were named."""
+        seen = zip(self._objects, self._window.objects(through), strict=True)
+        return {name: place for name, place in seen if not np.isnan(place[0])} | self._goals
+
     def _check(self, frames: Trajectory) -> None:
-        for role in self._model.features.objects:
-            if role not in frames.objects:
-                raise RoleMissing(role, tuple(frames.objects))
+        for name in self._objects:
+            if name not in frames.objects:
+                raise RoleMissing(name, tuple(frames.objects))
         if frames.times[0] <= self._time:
             raise InvalidTrajectory("times", 0, "must be later than the last frame before this chunk")
 
     def _begin(self, origin: int) -> None:
         """Start afresh: nothing that lies before has to do with what comes."""
-        self._resampler = Resampler(self._model.features.rate)
-        self._search = Search(self._window.criterion, self._bounds, self._look_ahead, origin)
+        rate = self._model.features.rate
+        self._resampler = Resampler(rate)
+        self._conditioner = Conditioner(rate, 1 + len(self._objects))
+        self._search: Decoder | Search
+        if self._method == "viterbi":
+            self._search = Decoder(self._window, self._limits, origin)
+        else:
+            look_ahead = self._method == "steps"
+            self._search = Search(self._window.criterion, self._bounds, look_ahead, origin)
 
     def _push(self, times: Floats, positions: Floats, jumps: Flags) -> list[Event]:
         """Take frames between which time does not jump by more than the longest segment."""
         decided: list[tuple[int, int, Event]] = []
-        first, longest = self._n_frames, self._bounds.longest / self._model.features.rate
+        first, longest = self._n_frames, self._limits.longest / self._model.features.rate
         if first > 0 and times[0] - self._time > longest:
-            decided += [(first, 1, event) for event in self._events(self._search.finish())]
+            decided += [(first, 1, event) for event in self._finish_search()]
             self._begin(self._window.n_points)
         decided += [(gap.end, 0, gap) for gap in self._gaps.push(times, positions[:, 0], jumps, first)]
         grid = self._resampler.push(times, positions, jumps, first)
-        for index, released in enumerate(grid.released.tolist()):
-            self._window.append(grid, index, self._search.origin)
-            found = self._search.frame() if self._window.has_room else self._search.catch_up()
-            decided += [(released, 1, event) for event in self._events(found)]
+        decided += [(at, 1, event) for at, event in self._search_in(self._conditioner.push(grid))]
         self._n_frames, self._time = first + len(times), float(times[-1])
         return [event for _, _, event in sorted(decided, key=lambda entry: entry[:2])]
 
-    def _events(self, segments: list[Found]) -> list[SegmentEvent]:
-        """Return the events of the segments that are actions and no rest."""
-        actions = [self._model.actions[int(found.ratios.argmax())] for found in segments]
-        return [
-            self._event(found, action.action)
-            for found, action in zip(segments, actions, strict=True)
-            if not rests(self._window.hand(found.start, found.end), action)
-        ]
+    def _search_in(self, ready: Conditioned) -> list[tuple[int, SegmentEvent]]:
+        """Return the segments that conditioned points decide, each with the frame that decides it."""
+        decided = []
+        for index, released in enumerate(ready.released.tolist()):
+            self._window.append(ready, index, self._search.origin)
+            found = self._search.frame() if self._window.has_room else self._search.catch_up()
+            decided += [(released, event) for event in self._events(found)]
+        return decided
 
-    def _event(self, found: Found, action: str) -> SegmentEvent:
-        best, *others = np.sort(found.ratios)[::-1]
-        first, last = movement(self._window.hand(found.start, found.end))
-        start, t_start = self._window.frame_of(found.start + first)
-        end, t_end = self._window.frame_of(found.start + last)
+    def _finish_search(self) -> list[SegmentEvent]:
+        left = [event for _, event in self._search_in(self._conditioner.finish())]
+        return left + self._events(self._search.finish())
+
+    def _events(self, found: Sequence[Found]) -> list[SegmentEvent]:
+        """Return the events of segments that some class can be."""
+        events = [self._event(each.start, each.end) for each in found]
+        return [event for event in events if event is not None]
+
+    def _event(self, first: int, last: int) -> SegmentEvent | None:
+        scores = self._window.scores(np.array([[first, last]]))
+        criterion, ratio, filling = (of_segment[0] for of_segment in scores)
+        best = int(criterion.argmax())
+        if not np.isfinite(criterion[best]):
+            return None
+        if self._method != "viterbi":
+            begin, end = movement(self._window.hand(first, last))
+            first, last = first + begin, first + end
+        (start, t_start), (end, t_end) = self._window.frame_of(first), self._window.frame_of(last)
+        names, familiarity = self._model.names, self._model.familiarity
+        ordered = np.sort(criterion)
+        filled = self._fillings[filling[best]]
+        roles = self._model.features.objects
         return SegmentEvent(
             start=start,
             end=end,
-            action=action,
-            log_likelihoods=dict(zip(self._model.names, found.ratios.tolist(), strict=True)),
-            margin=float(best - others[0]) if others else None,
+            action=names[best] if ratio[best] >= familiarity.least[best] else None,
+            objects={role: self._objects[index] for role, index in zip(roles, filled, strict=True)},
+            log_likelihoods=dict(zip(names, criterion.tolist(), strict=True)),
+            margin=float(ordered[-1] - ordered[-2]) if len(ordered) > 1 else None,
+            novelty=float(familiarity.typical[best] - ratio[best]),
             t_start=t_start,
             t_end=t_end,
         )
 
 
 def recognise(
-    model: Model, trajectory: Trajectory, scene: Scene = Scene(), method: Method = "steps"
+    model: Model,
+    trajectory: Trajectory,
+    scene: Scene = Scene(),
+    method: Method = "viterbi",
+    goals: Mapping[str, Floats] = {},
 ) -> list[Event]:
     """Return the events of a whole recording: what a stream of the same frames gives."""
-    recogniser = Recogniser(model, scene, method)
+    recogniser = Recogniser(model, scene, method, objects=tuple(trajectory.objects), goals=goals)
     return recogniser.push(trajectory) + recogniser.finish()

@@ -1,10 +1,9 @@
-"""Where in a segment the hand moves, without the rest beside it."""
+"""Where in a segment the hand moves, without the rest beside it: Steps 1-3 know no rest."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from app.motion.model import ActionModel
 from app.motion.trajectory import Floats
 
 LEFT = 0.05
@@ -12,18 +11,6 @@ LEFT = 0.05
 
 LEFT_AT = 0.1893
 """Share of its duration in which a minimum-jerk movement gets that far: 10 t^3 - 15 t^4 + 6 t^5 = LEFT."""
-
-NEARER = 2.5
-"""An action goes at most this many times less far than any demonstration of it; a hand that goes less far
-rests."""
-
-
-def rests(hand: Floats, action: ActionModel) -> bool:
-    """Return whether a segment goes too short a way, for its class, to be an action.
-
-    hand: (n_frames, 3) [m], its first and last frame no dropouts.
-    """
-    return bool(NEARER * np.linalg.norm(hand[-1] - hand[0]) < action.lengths.min())
 
 
 def movement(hand: Floats) -> tuple[int, int]:

@@ -68,11 +68,10 @@ def bounds_of(model: Model) -> Bounds:
 
 
 class Found(NamedTuple):
-    """A segment [start, end) and the (n_classes,) log-likelihood ratios of its classes [nat]."""
+    """A segment [start, end) in points."""
 
     start: int
     end: int
-    ratios: Floats
 
 
 class Row:
@@ -138,15 +137,6 @@ class Search:
     def origin(self) -> int:
         """Frame from which on everything is undecided; what lies before is not needed any more."""
         return self._current.origin
-
-    @property
-    def under_way(self) -> int:
-        """The frame where the movement under way begins: the last candidate boundary that lies behind."""
-        row = self._current
-        if self._successors:
-            row = min(self._successors, key=lambda each: abs(each.origin - self._current.best_end))
-        has_passed = row.gain > 0.0 and self._n_frames - row.best_end > self._bounds.shortest
-        return row.best_end if has_passed else row.origin
 
     def frame(self, work: int = WORK_PER_FRAME) -> list[Found]:
         """Take one more frame; return the segments that are decided now."""
@@ -223,4 +213,4 @@ class Search:
 
     def _end_at(self, successor: Row) -> Found:
         row, self._current, self._successors = self._current, successor, []
-        return Found(row.origin, successor.origin, row.at(successor.origin))
+        return Found(row.origin, successor.origin)

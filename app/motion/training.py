@@ -9,11 +9,23 @@ from typing import NamedTuple
 import numpy as np
 
 from app.motion.baum_welch import Chain, log_likelihoods, repetition, train_chain
+from app.motion.conditioning import Tracks, condition
 from app.motion.errors import FitFailed, RoleMissing, UnusableDemonstration
-from app.motion.features import BLEND, encode
-from app.motion.model import ActionModel, Background, FeatureSpecification, Model
-from app.motion.resampling import resample, smooth, stack
+from app.motion.features import BLEND, N_DEVIATIONS, encode
+from app.motion.model import (
+    N_OF_MOVEMENT,
+    N_OF_ROLE,
+    PACE,
+    PHASE,
+    ActionModel,
+    Background,
+    Familiarity,
+    FeatureSpecification,
+    Model,
+)
+from app.motion.resampling import resample, stack
 from app.motion.scoring import Indices
+from app.motion.standing import familiarity_of, rest_of
 from app.motion.trajectory import Demonstration, Floats
 
 MIN_DEMONSTRATIONS = 2
@@ -34,6 +46,12 @@ STATES = (4, 6, 8, 10, 12)
 PHASE_FLOOR = 0.05
 """Least standard deviation of a state in phase: nobody times a movement better than to a twentieth."""
 
+CONTEXT_FLOOR = 0.005
+"""Least standard deviation of a state in height and distances, which hang on no end point [m]."""
+
+PACE_FLOOR = 0.4
+"""Least standard deviation of a state in the logarithm of a speed: people differ in pace by a third."""
+
 MIN_STAY = 0.1
 """Training starts with no less a probability of staying: a state that can never be stayed in never will."""
 
@@ -51,8 +69,8 @@ class TrainingOptions:
     """How to train.
 
     n_states: number of states of every class, None to choose it for each from its demonstrations;
-    deviation_floor: least standard deviation of a state in any feature [m]; seed: of the folds that
-    choose the number of states.
+    deviation_floor: least standard deviation of a state in the deviation from the straight line [m]; seed: of
+    the folds that choose the number of states.
     """
 
     n_states: int | None = None
@@ -120,36 +138,55 @@ def fit_model(
     progress(len(examples), len(examples), "trained")
     frames = np.concatenate([example.sequence for of_class in examples.values() for example in of_class])
     width = BACKGROUND * np.maximum(frames.std(axis=0), _floor(features, options))
-    return Model(features, tuple(models), Background(width))
+    shown = [(e.tracks, e.table_height, name) for name, of_class in examples.items() for e in of_class]
+    rest = rest_of([tracks for tracks, _, _ in shown])
+    unmeasured = Familiarity(np.ones(len(models)), np.zeros(len(models)))
+    model = Model(features, tuple(models), Background(width), unmeasured, rest)
+    return replace(model, familiarity=familiarity_of(model, shown))
 
 
 def _floor(features: FeatureSpecification, options: TrainingOptions) -> Floats:
     """Return the (n_features,) least standard deviations."""
-    return np.append(np.full(features.n_features - 1, options.deviation_floor), PHASE_FLOOR)
+    floor = np.full(features.n_features, CONTEXT_FLOOR)
+    floor[:N_DEVIATIONS] = options.deviation_floor
+    floor[PACE], floor[PHASE] = PACE_FLOOR, PHASE_FLOOR
+    floor[N_OF_MOVEMENT + 1 :: N_OF_ROLE] = PACE_FLOOR
+    return floor
 
 
-def observe(demonstration: Demonstration, features: FeatureSpecification) -> Floats:
-    """Return the (n_frames, n_features) features of a demonstration, smoothed, at the internal rate.
+def conditioned(demonstration: Demonstration, features: FeatureSpecification) -> Tracks:
+    """Return a demonstration as recognition sees it, up to the last point where its hand is there."""
+    trajectory = resample(demonstration.trajectory, features.rate)
+    present = np.flatnonzero(~np.isnan(trajectory.hand).any(axis=1))
+    positions = stack(trajectory, features.objects)[: present[-1] + 1]
+    return condition(positions, features.rate)
+
+
+def observe(tracks: Tracks, table_height: float) -> Floats:
+    """Return the (n_frames, n_features) features of conditioned motion that is one movement.
 
     Frames in which anything is missing teach nothing and are left out.
     """
-    trajectory = smooth(resample(demonstration.trajectory, features.rate))
-    present = np.flatnonzero(~np.isnan(trajectory.hand).any(axis=1))
-    trajectory = trajectory.part(0, int(present[-1]) + 1)
-    tracks = stack(trajectory, features.objects)
-    positions = encode(tracks[:, 0], tracks[:, 1:].swapaxes(0, 1), demonstration.scene.table_height)
-    sequence = np.column_stack([positions, np.linspace(0.0, 1.0, len(trajectory))])
+    positions = encode(tracks.hand, tracks.objects, table_height)
+    of_roles = [
+        column for pair in zip(positions.T[N_DEVIATIONS + 1 :], tracks.paces, strict=True) for column in pair
+    ]
+    phase = np.linspace(0.0, 1.0, len(tracks.pace))
+    of_movement = positions[:, : N_DEVIATIONS + 1]
+    sequence: Floats = np.column_stack([of_movement, tracks.pace, phase, *of_roles])
     return sequence[~np.isnan(sequence).any(axis=1)]
 
 
 class _Example(NamedTuple):
     """A demonstration as it is learned from.
 
-    place: its index in the list; sequence: (n_frames, n_features) [m]; duration [s]; length: from start to
-    goal [m]; is_new: whether the base has not learned from it.
+    place: its index in the list; tracks: conditioned; table_height [m]; sequence: (n_frames, n_features);
+    duration [s]; length: from start to goal [m]; is_new: whether the base has not learned from it.
     """
 
     place: int
+    tracks: Tracks
+    table_height: float
     sequence: Floats
     duration: float
     length: float
@@ -160,9 +197,12 @@ def _example(
     index: int, demonstration: Demonstration, features: FeatureSpecification, is_new: bool
 ) -> _Example:
     times, hand = demonstration.trajectory.times, demonstration.trajectory.hand
+    tracks, height = conditioned(demonstration, features), demonstration.scene.table_height
     return _Example(
         place=index,
-        sequence=observe(demonstration, features),
+        tracks=tracks,
+        table_height=height,
+        sequence=observe(tracks, height),
         duration=float(times[-1] - times[0]),
         length=float(np.linalg.norm(hand[-1] - hand[0])),
         is_new=is_new,
@@ -170,10 +210,10 @@ def _example(
 
 
 def _check_lengths(action: str, examples: Sequence[_Example], needed: int) -> None:
-    for place, sequence, *_ in examples:
-        if len(sequence) < needed:
-            detail = f"has {len(sequence)} usable frames at the internal rate, needs at least {needed}"
-            raise UnusableDemonstration(place, action, detail)
+    for example in examples:
+        if (n_frames := len(example.sequence)) < needed:
+            detail = f"has {n_frames} usable frames at the internal rate, needs at least {needed}"
+            raise UnusableDemonstration(example.place, action, detail)
 
 
 def _known(base: Model | None, action: str, examples: Sequence[_Example]) -> ActionModel | None:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from app.motion.criterion import Criterion
 from app.motion.model import ActionModel, Model
-from app.motion.resampling import resample, stack
-from app.motion.training import MIN_DEMONSTRATIONS, TrainingOptions, fit_model
+from app.motion.roles import fillings
+from app.motion.training import MIN_DEMONSTRATIONS, TrainingOptions, conditioned, fit_model
 from app.motion.trajectory import Demonstration
 
 N_FOLDS = 3
@@ -37,14 +37,11 @@ class Validation:
 
 def classify(model: Model, demonstrations: Sequence[Demonstration]) -> list[str]:
     """Return the class that each whole demonstration is of by the criterion of recognition."""
-    found = []
+    found, roles = [], model.features.objects
     for demonstration in demonstrations:
-        trajectory = resample(demonstration.trajectory, model.features.rate)
-        present = np.flatnonzero(~np.isnan(trajectory.hand).any(axis=1))
-        tracks = stack(trajectory, model.features.objects)
-        criterion = Criterion(model, demonstration.scene.table_height)
-        hand, objects = np.ascontiguousarray(tracks[:, 0]), np.ascontiguousarray(tracks[:, 1:].swapaxes(0, 1))
-        [of_classes] = criterion(hand, objects, np.array([[0, present[-1]]]))
+        tracks = conditioned(demonstration, model.features)
+        criterion = Criterion(model, demonstration.scene.table_height, fillings(roles, roles))
+        [of_classes] = criterion(tracks, np.array([[0, len(tracks.pace) - 1]])).criterion
         found.append(model.names[int(of_classes.argmax())])
     return found
 

@@ -1,83 +1,125 @@
-"""What a recogniser remembers of its stream: the undecided grid points, and where the hand was not seen."""
+"""What a recogniser remembers of its stream: the undecided points, and where the hand was not seen."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.motion.criterion import Criterion
+from app.motion.conditioning import REACH, Conditioned, Tracks
+from app.motion.criterion import Criterion, Scores
+from app.motion.foresight import Foresight, Outlook
 from app.motion.model import Model
-from app.motion.resampling import Grid
 from app.motion.scoring import Indices
 from app.motion.trajectory import Flags, Floats, Scene
 
 
 class Window:
-    """The grid points from the search's origin on, at most ``capacity`` of them.
+    """The points from the search's origin on, at most ``capacity`` of them.
 
-    Points are counted from 0 over the whole stream.
+    Points are counted from 0 over the whole stream. fillings: (n_fillings, n_roles) objects in the roles.
     """
 
-    def __init__(self, model: Model, scene: Scene, capacity: int) -> None:
-        self._criterion = Criterion(model, scene.table_height)
-        self._n_classes = len(model.actions)
-        self._hand = np.empty((capacity, 3))
-        self._objects = np.empty((len(model.features.objects), capacity, 3))
-        self._frames: NDArray[np.int64] = np.empty(capacity, dtype=np.int64)
-        self._times = np.empty(capacity)
+    def __init__(self, model: Model, scene: Scene, fillings: Indices, n_objects: int, capacity: int) -> None:
+        self._criterion = Criterion(model, scene.table_height, fillings)
+        self._foresight = Foresight(model, scene.table_height, fillings)
+        self._n_classes, self._capacity = len(model.actions), capacity
+        size = capacity + REACH
+        self._tracks = Tracks(
+            np.empty((size, 3)), np.empty(size), np.empty((n_objects, size, 3)), np.empty((n_objects, size))
+        )
+        self._frames: NDArray[np.int64] = np.empty(size, dtype=np.int64)
+        self._times = np.empty(size)
         self._begin = 0
         self.n_points = 0
 
     @property
+    def typical(self) -> float:
+        """What a frame of a typical action counts [nat]."""
+        return self._criterion.typical
+
+    @property
     def has_room(self) -> bool:
         """Whether another point fits."""
-        return self.n_points - self._begin < len(self._times)
+        return self.n_points - self._begin < self._capacity
 
-    def append(self, grid: Grid, index: int, origin: int) -> None:
-        """Take a point of a grid; what lies before ``origin`` is forgotten where its place is needed."""
+    def append(self, ready: Conditioned, index: int, origin: int) -> None:
+        """Take a point; what lies before ``origin`` is forgotten where its place is needed."""
         if not self.has_room:
             self._forget(origin)
         place = self.n_points - self._begin
-        self._hand[place] = grid.positions[index, 0]
-        self._objects[:, place] = grid.positions[index, 1:]
-        self._frames[place], self._times[place] = grid.frames[index], grid.times[index]
+        self._write(ready.tracks, index, place)
+        self._frames[place], self._times[place] = ready.frames[index], ready.times[index]
         self.n_points += 1
 
-    def criterion(self, segments: Indices) -> Floats:
-        """Return the (n, n_classes) criterion; -inf where an end point is a dropout [nat]."""
-        return self._of_seen(self._criterion, segments)
+    def look_ahead(self, ahead: Tracks) -> int:
+        """Take points that are not ready, until the next is appended; return the number of the last point."""
+        for index in range(len(ahead.pace)):
+            self._write(ahead, index, self.n_points - self._begin + index)
+        return self.n_points + len(ahead.pace) - 1
 
-    def odds(self, segments: Indices) -> Floats:
-        """Return the same whatever the durations."""
-        return self._of_seen(self._criterion.odds, segments)
+    def seen(self, point: int) -> bool:
+        """Return whether the hand was seen at a point."""
+        return bool(self._seen(np.array([point - self._begin]))[0])
+
+    def scores(self, segments: Indices) -> Scores:
+        """Return the scores of (n, 2) segments, -inf where an end point is a dropout."""
+        places = segments - self._begin
+        seen = self._seen(places[:, 0]) & self._seen(places[:, 1])
+        shape = (len(segments), self._n_classes)
+        result = Scores(np.full(shape, -np.inf), np.full(shape, -np.inf), np.zeros(shape, dtype=np.int64))
+        if seen.any():
+            for whole, part in zip(result, self._criterion(self._tracks, places[seen]), strict=True):
+                whole[seen] = part
+        return result
+
+    def criterion(self, segments: Indices) -> Floats:
+        """Return the (n, n_classes) criterion alone [nat]."""
+        return self.scores(segments).criterion
+
+    def rest(self, start: int, stop: int) -> float:
+        """Return what points ``start..stop-1`` count as rest [nat]."""
+        return float(self._criterion.rest(self._tracks.pace[start - self._begin : stop - self._begin]).sum())
+
+    def outlook(self, origin: int, through: int) -> Outlook | None:
+        """Return what a movement since ``origin`` may become, None where either point is a dropout."""
+        places = np.array([origin, through]) - self._begin
+        if not self._seen(places).all():
+            return None
+        return self._foresight(self._tracks, int(places[0]), int(places[1]))
 
     def hand(self, start: int, end: int) -> Floats:
         """Return (end - start + 1, 3) positions of the hand at points from start to end [m]."""
-        return self._hand[start - self._begin : end - self._begin + 1]
+        return self._tracks.hand[start - self._begin : end - self._begin + 1]
+
+    def objects(self, point: int) -> Floats:
+        """Return (n_objects, 3) positions of the objects at a point [m], NaN where not seen."""
+        return self._tracks.objects[:, point - self._begin]
 
     def frame_of(self, point: int) -> tuple[int, float]:
         """Return the client's frame nearest to a point, and the point's time [s]."""
         place = point - self._begin
         return int(self._frames[place]), float(self._times[place])
 
-    def _of_seen(self, function: Callable[[Floats, Floats, Indices], Floats], segments: Indices) -> Floats:
-        places = segments - self._begin
-        seen = ~np.isnan(self._hand[places, 0]).any(axis=1)
-        values = np.full((len(segments), self._n_classes), -np.inf)
-        values[seen] = function(self._hand, self._objects, places[seen])
-        return values
+    def _seen(self, places: Indices) -> Flags:
+        seen: Flags = ~np.isnan(self._tracks.hand[places, 0])
+        return seen
+
+    def _write(self, tracks: Tracks, index: int, place: int) -> None:
+        self._tracks.hand[place], self._tracks.pace[place] = tracks.hand[index], tracks.pace[index]
+        self._tracks.objects[:, place] = tracks.objects[:, index]
+        self._tracks.paces[:, place] = tracks.paces[:, index]
 
     def _forget(self, origin: int) -> None:
-        keep = slice(min(origin, self.n_points) - self._begin, self.n_points - self._begin)
+        begin = min(origin, self.n_points)
+        keep = slice(begin - self._begin, self.n_points - self._begin)
         n_kept = keep.stop - keep.start
-        self._hand[:n_kept] = self._hand[keep].copy()
-        self._objects[:, :n_kept] = self._objects[:, keep].copy()
-        self._frames[:n_kept] = self._frames[keep].copy()
-        self._times[:n_kept] = self._times[keep].copy()
-        self._begin = min(origin, self.n_points)
+        for array in (self._tracks.hand, self._tracks.pace, self._frames, self._times):
+            array[:n_kept] = array[keep].copy()
+        for array in (self._tracks.objects, self._tracks.paces):
+            array[:, :n_kept] = array[:, keep].copy()
+        self._begin = begin
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from app.motion.trajectory import Demonstration, Floats, Recording, Scene, Segme
 from app.registry import canonical
 from app.registry.errors import ArtifactInvalid
 
-MODEL = "gesta-model", 1
+MODEL = "gesta-model", 2
 DEMONSTRATION = "gesta-demonstration", 1
 RECORDING = "gesta-recording", 1
 
@@ -158,6 +158,10 @@ def _check(model: Model) -> None:
         raise ArtifactInvalid("actions", "must be of different classes")
     for at, action in enumerate(model.actions):
         _check_action(action, features, f"actions[{at}]")
+    for name in ("typical", "least"):
+        _check_shape(getattr(model.familiarity, name), (len(model.actions),), f"familiarity.{name}")
+    if not (np.isfinite(model.rest.pace) and 0 < model.rest.spread < np.inf):
+        raise ArtifactInvalid("rest", "must be a finite pace, and a spread that is positive and finite")
     _check_shape(model.background.width, (features.n_features,), "background.width")
     if (model.background.width <= 0).any():
         raise ArtifactInvalid("background.width", "must be positive")

@@ -1,0 +1,191 @@
+"""What is observed of a track at the internal rate: where it is, and how fast.
+
+Each point of the grid is the Gaussian-weighted mean of the points around it, each of these the median of
+five: a thrown-off frame or two are gone, and what moves steadily stays as it is. Speed is the slope of the
+line through the points around. A point needs ``REACH`` points on either side, fewer where a stream begins or
+ends, and those that are missing are left out; a dropout stays one.
+
+Speeds are observed as their logarithm, ``log(speed + STILL)``: people differ in pace by factors.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from app.motion.resampling import Grid
+from app.motion.trajectory import Floats
+
+STILL = 0.03
+"""A hand slower than this is about as good as still [m/s]: below it are tremor and noise."""
+
+HALF_MEDIAN, HALF_MEAN, HALF_SLOPE = 2, 2, 3
+"""Points on either side that a median, a mean and a slope look at."""
+
+MEAN_SPREAD, SLOPE_SPREAD = 1.0, 2.0
+"""Standard deviations of the weights of a mean and of a slope [points]: 20 and 40 ms at 50 Hz."""
+
+REACH = HALF_MEDIAN + HALF_SLOPE
+"""Points on either side that a point depends on."""
+
+
+class Tracks(NamedTuple):
+    """Conditioned motion.
+
+    hand: (n, 3) [m]; pace: (n,) logarithm of its speed; objects: (n_objects, n, 3) [m]; paces: (n_objects,
+    n). NaN where something was not seen.
+    """
+
+    hand: Floats
+    pace: Floats
+    objects: Floats
+    paces: Floats
+
+    def part(self, start: int, stop: int) -> Tracks:
+        """Return points ``start..stop-1``."""
+        at = slice(start, stop)
+        return Tracks(self.hand[at], self.pace[at], self.objects[:, at], self.paces[:, at])
+
+
+def condition(positions: Floats, rate: float, start: int = 0, stop: int | None = None) -> Tracks:
+    """Return points ``start..stop-1`` of a grid, conditioned with all points that are given.
+
+    positions: (n, n_tracks, 3) [m], the hand's first; rate [Hz].
+    """
+    stop = len(positions) if stop is None else stop
+    placed, paces = _condition(np.ascontiguousarray(positions), rate, start, stop)
+    return Tracks(placed[0], paces[0], placed[1:], paces[1:])
+
+
+@njit(cache=True, nogil=True)
+def _condition(positions: Floats, rate: float, start: int, stop: int) -> tuple[Floats, Floats]:
+    n, n_tracks, _ = positions.shape
+    placed = np.full((n_tracks, stop - start, 3), np.nan)
+    paces = np.full((n_tracks, stop - start), np.nan)
+    begin, end = max(start - HALF_SLOPE, 0), min(stop + HALF_SLOPE, n)
+    medians = np.empty((end - begin, 3))
+    for track in range(n_tracks):
+        for at in range(begin, end):
+            for axis in range(3):
+                medians[at - begin, axis] = _median(positions, track, axis, at)
+        for at in range(start, stop):
+            if not np.isnan(medians[at - begin, 0]):
+                square = 0.0
+                for axis in range(3):
+                    placed[track, at - start, axis] = _mean(medians, axis, at - begin)
+                    square += (rate * _slope(medians, axis, at - begin)) ** 2
+                paces[track, at - start] = np.log(np.sqrt(square) + STILL)
+    return placed, paces
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _median(positions: Floats, track: int, axis: int, at: int) -> float:
+    """Return the median of a coordinate around a point, NaN where the point itself is missing."""
+    if np.isnan(positions[at, track, axis]):
+        return np.nan
+    seen = np.empty(2 * HALF_MEDIAN + 1)
+    count = 0
+    for near in range(max(at - HALF_MEDIAN, 0), min(at + HALF_MEDIAN + 1, len(positions))):
+        value = positions[near, track, axis]
+        if not np.isnan(value):
+            place = count
+            while place > 0 and seen[place - 1] > value:
+                seen[place] = seen[place - 1]
+                place -= 1
+            seen[place] = value
+            count += 1
+    middle: float = 0.5 * (seen[(count - 1) // 2] + seen[count // 2])
+    return middle
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _mean(values: Floats, axis: int, at: int) -> float:
+    total, weights = 0.0, 0.0
+    for near in range(max(at - HALF_MEAN, 0), min(at + HALF_MEAN + 1, len(values))):
+        value = values[near, axis]
+        if not np.isnan(value):
+            weight = np.exp(-0.5 * ((near - at) / MEAN_SPREAD) ** 2)
+            total += weight * value
+            weights += weight
+    return total / weights
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _slope(values: Floats, axis: int, at: int) -> float:
+    """Return the slope per point of the weighted line through the values around, 0 where there is but one."""
+    w = wt = wx = wtt = wtx = 0.0
+    for near in range(max(at - HALF_SLOPE, 0), min(at + HALF_SLOPE + 1, len(values))):
+        value = values[near, axis]
+        if not np.isnan(value):
+            time = float(near - at)
+            weight = np.exp(-0.5 * (time / SLOPE_SPREAD) ** 2)
+            w += weight
+            wt += weight * time
+            wx += weight * value
+            wtt += weight * time * time
+            wtx += weight * time * value
+    spread = w * wtt - wt * wt
+    return (w * wtx - wt * wx) / spread if spread > 0.0 else 0.0
+
+
+class Conditioned(NamedTuple):
+    """Conditioned points of a stream.
+
+    tracks; times: (n,) [s]; frames: (n,) the nearest of the client's frames; released: (n,) the frame
+    with which the point was known.
+    """
+
+    tracks: Tracks
+    times: Floats
+    frames: NDArray[np.int64]
+    released: NDArray[np.int64]
+
+
+class Conditioner:
+    """Conditions the grid of a stream, chunk by chunk: a point is ready ``REACH`` points later."""
+
+    def __init__(self, rate: float, n_tracks: int) -> None:
+        self._rate = rate
+        nothing: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+        self._grid = Grid(np.empty(0), np.empty((0, n_tracks, 3)), nothing, nothing)
+        self._ready = 0
+
+    def push(self, grid: Grid) -> Conditioned:
+        """Take the next points; return those that are ready."""
+        self._grid = _joined(self._grid, grid)
+        ready = self._take(max(len(self._grid.times) - REACH, self._ready))
+        drop = max(self._ready - REACH, 0)
+        times, positions, frames, released = self._grid
+        self._grid = Grid(times[drop:], positions[drop:], frames[drop:], released[drop:])
+        self._ready -= drop
+        return ready
+
+    def finish(self) -> Conditioned:
+        """Return the points that are left; there are no more."""
+        return self._take(len(self._grid.times))
+
+    def ahead(self) -> Tracks:
+        """Return the points that are not ready, conditioned with what is known so far."""
+        return condition(self._grid.positions, self._rate, self._ready)
+
+    def _take(self, stop: int) -> Conditioned:
+        start, self._ready = self._ready, stop
+        known = np.minimum(np.arange(start, stop) + REACH, len(self._grid.times) - 1)
+        return Conditioned(
+            condition(self._grid.positions, self._rate, start, stop),
+            self._grid.times[start:stop],
+            self._grid.frames[start:stop],
+            self._grid.released[known],
+        )
+
+
+def _joined(before: Grid, after: Grid) -> Grid:
+    return Grid(
+        np.concatenate([before.times, after.times]),
+        np.concatenate([before.positions, after.positions]),
+        np.concatenate([before.frames, after.frames]),
+        np.concatenate([before.released, after.released]),
+    )

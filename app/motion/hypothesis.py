@@ -1,0 +1,111 @@
+"""What a stream is in the middle of: provisional, before anything is decided."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import logsumexp, softmax
+
+from app.motion.decoding import Alternative
+from app.motion.foresight import PHASES
+from app.motion.trajectory import Floats
+
+REST = "rest"
+"""What a hand that does nothing is called among the actions of a hypothesis."""
+
+GOAL_FLOOR = 0.05
+"""Hands end within so much of what they go for [m]."""
+
+TINY = 1e-300
+"""Keeps the logarithm of a weight of nothing finite."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """An action that may be under way: None for one of no class, ``rest`` for none.
+
+    posterior: all of a hypothesis sum to 1; progress: share of its time gone by, None where it has none.
+    """
+
+    action: str | None
+    posterior: float
+    progress: float | None
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What may be under way; provisional.
+
+    start: frame where it has most likely begun; through: newest frame; actions: the likely first; goals:
+    posterior of each candidate, summing to 1, empty without candidates.
+    """
+
+    start: int
+    through: int
+    actions: tuple[Expected, ...]
+    goals: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What all alternatives together say.
+
+    classes: (n_classes,), unknown, rest: posteriors that sum to 1; progress: (n_classes,) 0..1; weights: (n,)
+    of the (n, 3) goals [m] that movements under way may have, their spreads (n,) [m].
+    """
+
+    classes: Floats
+    unknown: float
+    rest: float
+    progress: Floats
+    weights: Floats
+    goals: Floats
+    spreads: Floats
+
+
+def believe(alternatives: Sequence[Alternative], unknown: Sequence[float], n_classes: int) -> Belief:
+    """Return what alternatives, at least one, say together.
+
+    unknown: (n,) what each counts if the movement under way is of no class [nat].
+    """
+    both = zip(alternatives, unknown, strict=True)
+    begun = [(each.base, each.outlook, odd) for each, odd in both if each.outlook is not None]
+    resting = [each.value for each in alternatives if each.outlook is None]
+    shape = (len(begun), n_classes, len(PHASES))
+    known = np.array([base + outlook.values for base, outlook, _ in begun]).reshape(shape)
+    posteriors = softmax(np.concatenate([known.ravel(), [odd for _, _, odd in begun], resting]))
+    of_known = posteriors[: known.size].reshape(shape)
+    classes, gone = of_known.sum(axis=(0, 2)), of_known.sum(axis=0) @ PHASES
+    nothing = [np.empty((0, 3))]
+    return Belief(
+        classes=classes,
+        unknown=float(posteriors[known.size : known.size + len(begun)].sum()),
+        rest=float(posteriors[known.size + len(begun) :].sum()),
+        progress=np.divide(gone, classes, out=np.full_like(gone, 0.5), where=classes > 0),
+        weights=of_known.ravel(),
+        goals=np.concatenate([outlook.goals.reshape(-1, 3) for _, outlook, _ in begun] or nothing),
+        spreads=np.array([outlook.spreads for _, outlook, _ in begun]).ravel(),
+    )
+
+
+def expected(belief: Belief, names: Sequence[str]) -> tuple[Expected, ...]:
+    """Return the actions that may be under way, the likely first."""
+    actions = [
+        Expected(name, float(posterior), float(progress))
+        for name, posterior, progress in zip(names, belief.classes, belief.progress, strict=True)
+    ]
+    actions += [Expected(None, belief.unknown, None), Expected(REST, belief.rest, None)]
+    return tuple(sorted(actions, key=lambda each: -each.posterior))
+
+
+def likely_goals(belief: Belief, candidates: Mapping[str, Floats]) -> dict[str, float]:
+    """Return the posterior of each candidate (3,) [m] to be where the movement under way goes."""
+    if not candidates or not belief.weights.any():
+        return {}
+    squares = np.square(np.array(list(candidates.values()))[:, None] - belief.goals).sum(axis=2)
+    spread = np.hypot(GOAL_FLOOR, belief.spreads)
+    densities = np.log(belief.weights + TINY) - 0.5 * squares / spread**2 - 3.0 * np.log(spread)
+    posteriors = softmax(logsumexp(densities, axis=1))
+    return dict(zip(candidates, posteriors.tolist(), strict=True))
