@@ -10,6 +10,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +119,18 @@ def talking(server: Server) -> Iterator[Talk]:
         yield Talk(socket)
 
 
+def waving() -> Trajectory:
+    """Return a wide wave high above the table, far from the cup: nothing that the simulation shows."""
+    ends = np.array([[0.0, 0.0, 0.02], [0.0, 0.0, 0.7], [0.5, -0.4, 0.7], [0.0, 0.0, 0.02]])
+    share = np.linspace(0.0, 1.0, 80)[:, None]
+    share = 10 * share**3 - 15 * share**4 + 6 * share**5
+    still = np.zeros((60, 1))
+    hand = np.concatenate(
+        [a + (b - a) * np.concatenate([still, share]) for a, b in pairwise(ends)] + [ends[-1] + still]
+    )
+    return Trajectory(np.arange(len(hand)) / 100, hand, {"cup": np.tile([0.0, 0.36, 0.0], (len(hand), 1))})
+
+
 def columns(motion: Trajectory, start: int, stop: int) -> Message:
     """Return frames as the fields of ``frames``, a dropout null."""
     return {
@@ -140,7 +153,7 @@ def binary(first_seq: int, rows: np.ndarray[Any, Any], dtype: str = "<f8") -> by
 
 def expected(model: Model, motion: Trajectory, rate: float | None = None, version: int = 1) -> list[Message]:
     """Return the durable events but ``ended`` that a stream of these frames must give, bit for bit."""
-    recogniser = Recogniser(model, rate=rate)
+    recogniser = Recogniser(model, rate=rate, objects=tuple(motion.objects))
     found: list[Message] = []
     n_segments = 0
     for number, event in enumerate(recogniser.push(motion) + recogniser.finish()):
@@ -152,9 +165,13 @@ def expected(model: Model, motion: Trajectory, rate: float | None = None, versio
                 "t_start": event.t_start,
                 "t_end": event.t_end,
                 "action": event.action,
-                "objects": {name: name for name in model.features.objects},
-                "log_likelihoods": event.log_likelihoods,
+                "objects": event.objects,
+                "log_likelihoods": {
+                    action: value if np.isfinite(value) else None
+                    for action, value in event.log_likelihoods.items()
+                },
                 "margin": event.margin,
+                "novelty": event.novelty,
                 "model": "table-top",
                 "version": version,
             }

@@ -124,7 +124,7 @@ class GeometryTold(Answer):
 
 
 class SegmentTold(Answer):
-    """A segment, as a `segment` event of the stream tells it."""
+    """A segment, as a `segment` event of the stream tells it; `action` null: none that the model knows."""
 
     segment: int
     start_seq: int
@@ -132,9 +132,10 @@ class SegmentTold(Answer):
     t_start: float
     t_end: float
     action: str | None
-    objects: dict[str, str]
+    objects: dict[str, str] = Field(description="Which object fills which role.")
     log_likelihoods: dict[str, float | None]
     margin: float | None
+    novelty: float | None = Field(description="Larger: more unlike everything trained [nat per frame].")
     model: str
     version: int
 

@@ -40,9 +40,10 @@ SESSION: JsonDict = {
     "version": 3,
     "state": "active",
     "geometry": {"length_unit": "mm", "up_axis": "y"},
-    "objects": ["object"],
+    "objects": ["cup", "saucer"],
     "rate_hz": 100.0,
     "scene": {"table_height_m": 0.0},
+    "goals": {"shelf": [0.4, 0.2, 0.9]},
     "frames": 4120,
     "events": 9,
     "segments": 8,
@@ -59,9 +60,10 @@ SEGMENT: JsonDict = {
     "t_start": 0.12,
     "t_end": 0.97,
     "action": "grasp",
-    "objects": {"object": "object"},
+    "objects": {"object": "cup"},
     "log_likelihoods": {"grasp": 412.5, "retract": 130.25},
     "margin": 282.25,
+    "novelty": 0.4,
     "model": "table-top",
     "version": 3,
 }
@@ -99,6 +101,7 @@ class SessionTold(Answer):
     objects: list[str]
     rate_hz: float | None = Field(description="None: the frames carried their times.")
     scene: SceneTold
+    goals: dict[str, list[float]] = Field(description="Where movements may go [m].")
     frames: int
     events: int
     segments: int
@@ -119,6 +122,7 @@ class SessionTold(Answer):
             objects=list(session_archive.objects_of(record)),
             rate_hz=record.start["rate_hz"],
             scene=SceneTold(table_height_m=record.start["table_height_m"]),
+            goals=record.start.get("goals", {}),
             frames=record.n_frames,
             events=record.n_events,
             segments=record.n_segments,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any, Literal, NoReturn
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
 
 from app.api.stream_server import NOT_UTF8
 from app.service.frames import Frames, Layout, from_binary, from_columns
@@ -16,7 +16,9 @@ from app.service.session_store import Wish
 FRAME_FIELDS = frozenset({"type", "first_seq", "t", "hand", "objects"})
 
 Id = Annotated[str, Field(max_length=200)] | int
-ObjectName = Annotated[str, Field(min_length=1, max_length=64)]
+Name = Annotated[str, Field(min_length=1, max_length=64)]
+"""Of an object or a goal."""
+Place = Annotated[tuple[FiniteFloat, ...], Field(min_length=3, max_length=3)]
 
 
 class _Message(BaseModel):
@@ -59,8 +61,9 @@ class Start(_Message):
     version: str | int | None = None
     geometry: GeometryOfStart
     rate_hz: float | None = Field(None, gt=0.0, le=100_000.0, allow_inf_nan=False)
-    objects: tuple[ObjectName, ...] | None = Field(None, max_length=32)
+    objects: tuple[Name, ...] | None = Field(None, max_length=32)
     scene: SceneOfStart | None = None
+    goals: dict[Name, Place] = Field({}, max_length=32)
     name: str | None = Field(None, max_length=200)
     encoding: Literal["json", "f32", "f64"] = "json"
     options: Options = Options()
@@ -75,6 +78,7 @@ class Start(_Message):
             rate_hz=self.rate_hz,
             objects=self.objects,
             table_height=None if self.scene is None else self.scene.table_height_m,
+            goals=self.goals,
             name=self.name,
             encoding=self.encoding,
         )

@@ -25,12 +25,16 @@ def start_message(
     rate_hz: float | None = None,
     objects: list[str] | None = None,
     scene: Mapping[str, float] | None = None,
+    goals: Mapping[str, ArrayLike] | None = None,
     name: str | None = None,
     encoding: Encoding = "f64",
     options: Mapping[str, bool | float] | None = None,
     resume: Mapping[str, str | int] | None = None,
 ) -> Message:
-    """Return a ``start``; what is None is left to the server."""
+    """Return a ``start``; what is None is left to the server.
+
+    objects: names of what the frames hold besides the hand; goals: places (3,) that movements may go to.
+    """
     fields = {
         "model": model,
         "version": version,
@@ -38,6 +42,7 @@ def start_message(
         "rate_hz": rate_hz,
         "objects": objects,
         "scene": scene,
+        "goals": None if goals is None else {name: np.asarray(at).tolist() for name, at in goals.items()},
         "name": name,
         "encoding": encoding,
         "options": options,

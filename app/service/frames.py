@@ -8,7 +8,6 @@ the same numbers whatever way they came.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -145,16 +144,9 @@ def settle(layout: Layout, frames: Frames, skip: int, last_time: float) -> Float
     return np.column_stack([times, positions.reshape(len(times), -1)])
 
 
-def trajectory(layout: Layout, rows: Floats, names: Sequence[str] | None = None) -> Trajectory:
-    """Return settled rows as a trajectory with the named objects (default: all).
-
-    rows: (n_frames, 1 + 3 n_tracks) of ``settle``.
-    """
-    places = {name: 4 + 3 * index for index, name in enumerate(layout.objects)}
-    objects = {
-        name: rows[:, places[name] : places[name] + 3]
-        for name in (layout.objects if names is None else names)
-    }
+def trajectory(layout: Layout, rows: Floats) -> Trajectory:
+    """Return settled rows as a trajectory; rows: (n_frames, 1 + 3 n_tracks) of ``settle``."""
+    objects = {name: rows[:, 4 + 3 * at : 7 + 3 * at] for at, name in enumerate(layout.objects)}
     return Trajectory(rows[:, 0], rows[:, 1:4], objects)
 
 

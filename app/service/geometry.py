@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,6 +12,9 @@ from app.motion.trajectory import Floats
 
 LengthUnit = Literal["m", "cm", "mm"]
 UpAxis = Literal["z", "y"]
+
+Goals = Mapping[str, tuple[float, ...]]
+"""Named places, each three coordinates."""
 
 UNITS_PER_METRE: dict[LengthUnit, float] = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 

@@ -231,8 +231,9 @@ class LiveSessions:
     def _check_same(self, session: Session, wish: Wish, last_event: int) -> None:
         pinned = session.pinned
         layout = replace(wish.layout(pinned.roles), encoding=pinned.layout.encoding)
-        if (wish.model, layout, wish.scene or pinned.scene) != (pinned.model, pinned.layout, pinned.scene):
-            detail = "model, geometry, rate_hz, objects and scene must be those of the session's first start"
+        wanted = wish.model, layout, wish.scene or pinned.scene, wish.places(layout.objects)
+        if wanted != (pinned.model, pinned.layout, pinned.scene, pinned.goals):
+            detail = "model, geometry, rate_hz, objects, scene and goals must be those of the first start"
             raise StartRefused("resume_mismatch", detail)
         if last_event >= session.events.value:
             detail = f"`last_event` {last_event} has not been: {session.events.value} events have"

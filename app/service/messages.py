@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from app.motion.recogniser import Hypothesis, SegmentEvent
+from app.motion.hypothesis import Hypothesis
+from app.motion.recogniser import SegmentEvent
 from app.motion.trajectory import Floats
 from app.motion.window import Gap
 
@@ -19,10 +20,8 @@ def as_json(message: dict[str, Any]) -> str:
     return json.dumps(_finite(message), separators=(",", ":"), allow_nan=False)
 
 
-def segment(
-    event: SegmentEvent, number: int, roles: Sequence[str], model: str, version: int
-) -> dict[str, Any]:
-    """Return the fields of a ``segment``; each role is filled by the object of its name."""
+def segment(event: SegmentEvent, number: int, model: str, version: int) -> dict[str, Any]:
+    """Return the fields of a ``segment``."""
     return {
         "segment": number,
         "start_seq": event.start,
@@ -30,9 +29,10 @@ def segment(
         "t_start": event.t_start,
         "t_end": event.t_end,
         "action": event.action,
-        "objects": {role: role for role in roles},
+        "objects": event.objects,
         "log_likelihoods": event.log_likelihoods,
         "margin": event.margin,
+        "novelty": event.novelty,
         "model": model,
         "version": version,
     }
@@ -44,18 +44,18 @@ def gap(event: Gap) -> dict[str, Any]:
 
 
 def hypothesis(found: Hypothesis) -> str:
-    """Return a ``hypothesis`` message."""
-    actions = [
-        {
-            "action": action,
-            "posterior": posterior,
-            "progress": None if action is None else found.progress[action],
-        }
-        for action, posterior in found.posteriors.items()
-    ]
-    return as_json(
-        {"type": "hypothesis", "start_seq": found.start, "through_seq": found.through, "actions": actions}
-    )
+    """Return a ``hypothesis`` message; it has ``goals`` where there are candidates, the likely first."""
+    ranked = sorted(found.goals.items(), key=lambda goal: -goal[1])
+    goals = [{"name": name, "posterior": posterior} for name, posterior in ranked]
+    fields = {
+        "start_seq": found.start,
+        "through_seq": found.through,
+        "actions": [
+            {"action": each.action, "posterior": each.posterior, "progress": each.progress}
+            for each in found.actions
+        ],
+    }
+    return as_json({"type": "hypothesis", **fields} | ({"goals": goals} if goals else {}))
 
 
 def frame(seq: int, row: Floats, objects: Sequence[str]) -> str:

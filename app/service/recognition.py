@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from app.motion.errors import InvalidRequest
 from app.motion.evaluation import evaluate
 from app.motion.recogniser import Event, Recogniser, SegmentEvent
 from app.motion.trajectory import Recording, Scene, Segment
@@ -14,6 +15,7 @@ from app.registry import jobs, models
 from app.registry.artifacts import dump_recording, load_recording
 from app.registry.records import JobRecord
 from app.service import messages
+from app.service.errors import ContentRefused, Issue
 from app.service.geometry import Geometry
 from app.service.lab import Lab, Version
 from app.service.training import Progress
@@ -37,6 +39,16 @@ class Asked:
     model: str
     version: Version
     recording: Recording
+
+    def recogniser(self) -> Recogniser:
+        """Return what recognises it. Raises RoleMissing, ContentRefused."""
+        trajectory = self.recording.trajectory
+        try:
+            return Recogniser(self.version.model, self.recording.scene, objects=tuple(trajectory.objects))
+        except InvalidRequest as error:
+            pointer = "/trajectory" if self.kind == SEGMENTATION else "/recording/trajectory"
+            issue = Issue(f"{pointer}/{error.field}", "objects_ambiguous", str(error))
+            raise ContentRefused([issue]) from error
 
 
 def ask_segmentation(
@@ -64,9 +76,13 @@ def ask_evaluation(
 
 
 def answer(lab: Lab, asked: Asked) -> dict[str, Any] | JobRecord:
-    """Return the result, or for a long recording the job that will have it. Raises RoleMissing."""
+    """Return the result, or for a long recording the job that will have it.
+
+    Raises RoleMissing and ContentRefused where the objects cannot fill the roles.
+    """
     if len(asked.recording.trajectory) < LONG:
         return _recognise(asked, lambda *_: None)
+    asked.recogniser()
     request = {
         "version": asked.version.record.number,
         "recording": lab.store.put(dump_recording(asked.recording)),
@@ -91,7 +107,7 @@ def _scene(lab: Lab, model: str, scene: Scene | None) -> Scene:
 
 
 def _recognise(asked: Asked, progress: Progress) -> dict[str, Any]:
-    recogniser = Recogniser(asked.version.model, asked.recording.scene)
+    recogniser = asked.recogniser()
     trajectory, events = asked.recording.trajectory, list[Event]()
     for start in range(0, len(trajectory), PART):
         progress(start, len(trajectory), "recognising")
@@ -103,10 +119,8 @@ def _recognise(asked: Asked, progress: Progress) -> dict[str, Any]:
         seen = [Segment(event.start, event.end, event.action) for event in found]
         measures = evaluate([(trajectory.times, asked.recording.segments, seen)])
         return {"model": asked.model, "version": record.number, **asdict(measures)}
-    roles = asked.version.model.features.objects
     segments = [
-        messages.segment(event, number, roles, asked.model, record.number)
-        for number, event in enumerate(found)
+        messages.segment(event, number, asked.model, record.number) for number, event in enumerate(found)
     ]
     told: dict[str, Any] = json.loads(messages.as_json({"segments": segments}))
     return told

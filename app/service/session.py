@@ -22,6 +22,7 @@ from app.motion.trajectory import Floats, Scene
 from app.registry.records import StoredEvent
 from app.service import messages
 from app.service.frames import Frames, Layout, settle, trajectory
+from app.service.geometry import Goals
 from app.service.journal import Entry, Journal
 from app.service.mark import Mark
 from app.service.session_errors import FramesMissing, MessageMalformed, SessionError
@@ -36,7 +37,7 @@ RECENT = 128
 
 @dataclass(frozen=True)
 class Pinned:
-    """What a session keeps from its start to its end."""
+    """What a session keeps from its start to its end; goals: where movements may go [m], by name."""
 
     session_id: str
     model: str
@@ -45,6 +46,7 @@ class Pinned:
     actions: tuple[str, ...]
     layout: Layout
     scene: Scene
+    goals: Goals
     warnings: tuple[tuple[str, str], ...] = ()
 
 
@@ -180,8 +182,7 @@ class Session:
             raise MessageMalformed("malformed", detail)
 
     def _push(self, rows: Floats) -> None:
-        layout, roles = self.pinned.layout, self.pinned.roles
-        events = self._recogniser.push(trajectory(layout, rows, roles))
+        events = self._recogniser.push(trajectory(self.pinned.layout, rows))
         self._rows.append(rows)
         self._newest = rows[-1]
         self._last_time = float(rows[-1, 0])
@@ -194,9 +195,7 @@ class Session:
         for event in events:
             if isinstance(event, SegmentEvent):
                 pinned, number = self.pinned, self._n_segments
-                self._add(
-                    "segment", messages.segment(event, number, pinned.roles, pinned.model, pinned.version)
-                )
+                self._add("segment", messages.segment(event, number, pinned.model, pinned.version))
                 self._n_segments += 1
             else:
                 self._add("gap", messages.gap(event))

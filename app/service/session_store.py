@@ -5,21 +5,22 @@ from __future__ import annotations
 import secrets
 from collections.abc import Collection, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 from uuid import uuid4
 
 import numpy as np
 
+from app.motion.errors import InvalidRequest, RoleMissing
 from app.motion.model import Model
 from app.motion.recogniser import Recogniser
-from app.motion.trajectory import Scene
+from app.motion.trajectory import FARTHEST_M, Scene
 from app.registry import models, sessions
 from app.registry.errors import OutOfOrder
 from app.registry.records import SessionRecord, SessionState, StoredEvent
 from app.service.frames import Encoding, Layout
-from app.service.geometry import Geometry
+from app.service.geometry import Geometry, Goals, to_metres
 from app.service.journal import Entry
 from app.service.lab import Lab
 from app.service.messages import as_json
@@ -37,7 +38,10 @@ ATTEMPTS = 5
 
 @dataclass(frozen=True)
 class Wish:
-    """What a session is asked to be; None leaves it to the model. table_height [m]; rate_hz [Hz]."""
+    """What a session is asked to be; None leaves it to the model.
+
+    table_height [m]; rate_hz [Hz]; goals: in the geometry's unit.
+    """
 
     model: str
     geometry: Geometry
@@ -45,20 +49,33 @@ class Wish:
     rate_hz: float | None = None
     objects: tuple[str, ...] | None = None
     table_height: float | None = None
+    goals: Goals = field(default_factory=dict)
     name: str | None = None
     encoding: Encoding = "json"
 
     def layout(self, roles: tuple[str, ...]) -> Layout:
-        """Return what a frame holds. Raises StartRefused."""
+        """Return what a frame holds; roles: of the model. Raises StartRefused."""
         objects = roles if self.objects is None else self.objects
         if len(set(objects)) < len(objects) or not {"t", "hand"}.isdisjoint(objects):
             detail = "objects need names of their own, other than `t` and `hand`"
             raise StartRefused("objects_invalid", detail)
-        if missing := [role for role in roles if role not in objects]:
-            raise StartRefused("role_missing", f"the model needs an object named {missing[0]!r}")
         if self.encoding == "f32" and self.rate_hz is None:
             raise StartRefused("f32_needs_rate", "f32 cannot carry times: give `rate_hz`, or use f64")
         return Layout(objects, self.geometry, self.rate_hz, self.encoding)
+
+    def places(self, objects: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
+        """Return the goals in metres, Z up; objects: of the stream. Raises StartRefused."""
+        found = {}
+        if not self.goals.keys().isdisjoint(objects):
+            detail = "goals need names of their own, other than those of the objects, which are goals as well"
+            raise StartRefused("goals_invalid", detail)
+        for name, place in self.goals.items():
+            [metres] = to_metres(np.array([place]), self.geometry)
+            if (np.abs(metres) > FARTHEST_M).any():
+                detail = f"goal {name!r} lies over {FARTHEST_M:g} m away: a wrong length unit?"
+                raise StartRefused("wrong_unit", detail)
+            found[name] = tuple(metres.tolist())
+        return found
 
     @property
     def scene(self) -> Scene | None:
@@ -86,11 +103,20 @@ class SessionStore:
         version = self._lab.version(wish.model, wish.version)
         model, number = version.model, version.record.number
         layout = wish.layout(model.features.objects)
+        goals = wish.places(layout.objects)
         with self._lab.database.reading() as tx:
             scene = wish.scene or Scene(models.get(tx, wish.model).table_height_m)
-        warnings = _warnings(wish, model)
+        recogniser = _recogniser(model, scene, layout, goals)
         pinned = Pinned(
-            uuid4().hex, wish.model, number, model.features.objects, model.names, layout, scene, warnings
+            session_id=uuid4().hex,
+            model=wish.model,
+            version=number,
+            roles=model.features.objects,
+            actions=model.names,
+            layout=layout,
+            scene=scene,
+            goals=goals,
+            warnings=_warnings(wish, model),
         )
         token = secrets.token_urlsafe(24)
         with self._lab.database.transaction() as tx:
@@ -103,9 +129,9 @@ class SessionStore:
                 geometry=vars(wish.geometry),
                 channels=("t", *layout.channels) if layout.rate_hz else layout.channels,
                 name=wish.name,
-                start=_start(wish, scene),
+                start=_start(wish, pinned),
             )
-        return Opened(pinned, Recogniser(model, scene, rate=layout.rate_hz), token)
+        return Opened(pinned, recogniser, token)
 
     def write(self, entries: Sequence[Entry]) -> None:
         """Make what sessions add durable, all of it or nothing.
@@ -183,6 +209,17 @@ class SessionStore:
         raise WriteFailed
 
 
+def _recogniser(model: Model, scene: Scene, layout: Layout, goals: Goals) -> Recogniser:
+    """Return what recognises the stream. Raises StartRefused where its objects cannot fill the roles."""
+    places = {name: np.array(place) for name, place in goals.items()}
+    try:
+        return Recogniser(model, scene, rate=layout.rate_hz, objects=layout.objects, goals=places)
+    except RoleMissing as error:
+        raise StartRefused("role_missing", str(error)) from error
+    except InvalidRequest as error:
+        raise StartRefused("objects_ambiguous", str(error)) from error
+
+
 def _warnings(wish: Wish, model: Model) -> tuple[tuple[str, str], ...]:
     rate = model.features.rate
     if wish.rate_hz is None or wish.rate_hz >= rate:
@@ -190,11 +227,12 @@ def _warnings(wish: Wish, model: Model) -> tuple[tuple[str, str], ...]:
     return (("low_rate", f"{wish.rate_hz:g} Hz is less than the {rate:g} Hz the model works at"),)
 
 
-def _start(wish: Wish, scene: Scene) -> dict[str, Any]:
+def _start(wish: Wish, pinned: Pinned) -> dict[str, Any]:
     return {
         "version": wish.version,
         "rate_hz": wish.rate_hz,
         "objects": None if wish.objects is None else list(wish.objects),
-        "table_height_m": scene.table_height,
+        "table_height_m": pinned.scene.table_height,
+        "goals": {name: list(place) for name, place in pinned.goals.items()},
         "encoding": wish.encoding,
     }

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from app.motion.errors import InvalidSegment, InvalidTrajectory, RoleMissing, UnusableDemonstration
+from app.motion.hypothesis import REST
 from app.motion.model import FeatureSpecification
 from app.motion.training import check_demonstration
 from app.motion.trajectory import Demonstration, Floats, Recording, Scene, Segment, Trajectory
@@ -25,8 +26,6 @@ from app.service.lab import Lab
 Position = Sequence[float]
 Result = TypeVar("Result")
 
-RESERVED = "rest"
-"""No action class may be called so."""
 MAX_ISSUES = 20
 """Places that a refusal names."""
 
@@ -157,8 +156,8 @@ def keep(
     """
 
     def check(index: int) -> None:
-        if found[index].action == RESERVED:
-            detail = f"{RESERVED!r} is what a hypothesis calls no action; name the class otherwise"
+        if found[index].action == REST:
+            detail = f"{REST!r} is what a hypothesis calls no action; name the class otherwise"
             raise ContentRefused([Issue(f"{pointers[index]}/action", "reserved_name", detail)])
         try:
             check_demonstration(index, found[index], specification)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from app.motion.hypothesis import REST
 from app.registry import models, versions
 from app.registry.artifacts import load_model
 from app.registry.errors import ArtifactInvalid
@@ -37,6 +38,9 @@ def take_in(lab: Lab, model: str, artifact: bytes) -> VersionRecord:
     if loaded.features.objects != wanted:
         detail = f"must be {list(wanted)}, the roles of model {model!r}"
         raise ArtifactInvalid("features.objects", detail)
+    if REST in loaded.names:
+        detail = f"must not be {REST!r}: so a hypothesis calls no action"
+        raise ArtifactInvalid(f"actions[{loaded.names.index(REST)}].action", detail)
     digest = lab.store.put(artifact)
     with lab.database.transaction() as tx:
         return versions.register(

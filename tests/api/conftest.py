@@ -7,13 +7,17 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import count, groupby
 from typing import Any
 
+import numpy as np
 import pytest
 
 from app.client import GestaClient, trajectory
+from app.motion.model import FeatureSpecification, Model
 from app.motion.simulation import demonstrations
+from app.motion.training import TrainingOptions, fit_model
 from app.motion.trajectory import Demonstration
 from tests.serving import ROOT, Server
 
@@ -37,6 +41,17 @@ def shown() -> list[Demonstration]:
 def sent(shown: list[Demonstration]) -> list[Sent]:
     """The same as they are sent."""
     return [as_sent(demonstration) for demonstration in shown]
+
+
+@pytest.fixture(scope="session")
+def paired(shown: list[Demonstration]) -> Model:
+    """A small model with two roles."""
+    both = []
+    for each in shown:
+        motion, thing = each.trajectory, each.trajectory.objects["object"]
+        objects = {"object": thing, "tool": thing + np.array([0.3, 0.0, 0.0])}
+        both.append(replace(each, trajectory=replace(motion, objects=objects)))
+    return fit_model(both, FeatureSpecification(("object", "tool")), TrainingOptions(n_states=4))
 
 
 @pytest.fixture

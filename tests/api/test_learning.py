@@ -19,7 +19,7 @@ from app.registry import sessions
 from app.registry.records import StoredEvent
 from tests.api.conftest import Sent
 from tests.serving import Server
-from tests.talking import Message
+from tests.talking import Message, checked, waving
 
 SAMPLE = recording(5, 5)
 MOTION = SAMPLE.trajectory
@@ -212,6 +212,30 @@ class TestRefusals:
         session_id = past(server, model, {"object": THING}, BY_NAME, kept=kept, state="active")
         assert refused(client, session_id, end_seq=kept) == (409, "frames_not_durable", [])
         assert len(client.learn(session_id, 0, "grasp", end_seq=kept - 1)["created"]) == 1
+
+
+def test_an_unknown_action_is_learned_with_the_object_that_it_was_about(
+    client: GestaClient, table_top: str
+) -> None:
+    motion = waving()
+    with client.stream(table_top, objects=["cup"]) as stream:
+        stream.send(motion.times, motion.hand, motion.objects)
+        stream.end()
+        told = [checked(json.dumps(message)) for message in stream]
+    session_id = stream.state.started["session_id"]
+    segments = [message for message in told if message["type"] == "segment"]
+    assert client.segments(session_id)["segments"] == segments
+    heard = list(client.session_events(session_id))
+    assert heard[:-1] == segments
+    assert [(segment["action"], segment["objects"]) for segment in segments[:1]] == [
+        (None, {"object": "cup"})
+    ]
+    found = learned(client, client.learn(session_id, 0, "wave"))
+    span = slice(segments[0]["start_seq"], segments[0]["end_seq"] + 1)
+    assert found["action"] == "wave"
+    assert found["trajectory"] == trajectory(
+        motion.times[span], motion.hand[span], {"object": motion.objects["cup"][span]}
+    )
 
 
 @pytest.mark.usefixtures("worker")

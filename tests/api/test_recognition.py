@@ -16,6 +16,7 @@ from app.motion.trajectory import Recording, Segment, Trajectory
 from app.service.recognition import LONG
 from tests.api.conftest import working
 from tests.serving import Server
+from tests.talking import waving
 
 SAMPLE = recording(21, 4)
 
@@ -97,10 +98,57 @@ def repeated(motion: Trajectory, n_frames: int) -> Trajectory:
     )
 
 
-def test_a_recording_without_the_role_is_refused(client: GestaClient, table_top: str) -> None:
+def test_objects_may_have_any_names(client: GestaClient, table_top: str, trained: Model) -> None:
     motion = SAMPLE.trajectory
-    with pytest.raises(ApiError, match="422 role_missing"):
-        client.segment(table_top, 1, trajectory(motion.times, motion.hand, {"cup": motion.hand}))
+    thing = motion.objects["object"]
+    for objects in (
+        {"cup": thing},
+        {"cup": thing + 0.4, "object": thing},
+        {"saucer": thing + 0.4, "cup": thing},
+    ):
+        renamed = Trajectory(motion.times, motion.hand, objects)
+        segments = client.segment(table_top, 1, as_sent(renamed))["segments"]
+        told = [(s["start_seq"], s["end_seq"], s["action"], s["objects"], s["novelty"]) for s in segments]
+        events = [e for e in recognise(trained, renamed) if isinstance(e, SegmentEvent)]
+        assert told == [(e.start, e.end, e.action, e.objects, e.novelty) for e in events]
+        body = {"trajectory": as_sent(renamed), "segments": labels(SAMPLE)}
+        measures = evaluate([(motion.times, SAMPLE.segments, found(trained, renamed))])
+        assert client.evaluate(table_top, 1, recording=body)["f1_50"] == measures.f1_50
+
+
+def test_what_the_model_does_not_know_has_no_name_and_is_no_detection(
+    client: GestaClient, table_top: str
+) -> None:
+    motion = as_sent(waving())
+    segments = client.segment(table_top, 1, motion)["segments"]
+    assert [segment["action"] for segment in segments] == [None] * len(segments)
+    assert len(segments) >= 2
+    assert {segment["objects"]["object"] for segment in segments} == {"cup"}
+    known = client.segment(table_top, 1, as_sent(SAMPLE.trajectory))["segments"]
+    assert min(s["novelty"] for s in segments) > max(s["novelty"] for s in known)
+    labelled = [{"action": "grasp", "start_s": segments[0]["t_start"], "end_s": segments[0]["t_end"]}]
+    measures = client.evaluate(table_top, 1, recording={"trajectory": motion, "segments": labelled})
+    assert (measures["n_true"], measures["n_found"], measures["frame_accuracy"]) == (1, 0, 0.0)
+
+
+@pytest.mark.parametrize("n_frames", [100, LONG])
+def test_objects_that_cannot_fill_the_roles_are_refused(
+    client: GestaClient, server: Server, paired: Model, n_frames: int
+) -> None:
+    model = server.teach(paired, "pairs")
+    motion = repeated(SAMPLE.trajectory, n_frames)
+    for n_objects, code, places in (
+        (0, "role_missing", []),
+        (1, "role_missing", []),
+        (9, "content_refused", [("/trajectory/objects", "objects_ambiguous")]),
+    ):
+        objects = {f"thing {index}": motion.objects["object"] for index in range(n_objects)}
+        with pytest.raises(ApiError) as raised:
+            client.segment(model, 1, trajectory(motion.times, motion.hand, objects))
+        problem = raised.value.problem
+        assert (problem["status"], problem["code"]) == (422, code)
+        assert [(place["pointer"], place["code"]) for place in problem["errors"]] == places
+    assert list(client.pages(f"/jobs?model={model}", "jobs")) == []
 
 
 def test_an_evaluation_needs_labels(client: GestaClient, table_top: str) -> None:

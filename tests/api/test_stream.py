@@ -23,6 +23,7 @@ from tests.talking import Message, Talk, binary, columns, expected, positions, t
 
 MOTION = recording(5, 5).trajectory
 LAST = len(MOTION) - 1
+PLACES = {"rest point": [0.0, 0.0, 0.02], "far away": [3.0, 3.0, 1.0]}
 pytestmark = pytest.mark.usefixtures("table_top")
 
 
@@ -199,7 +200,49 @@ class TestFrames:
             talk.socket.send(binary(0, rows(motion)))
             talk.say("end")
             talk.rest()
+            assert durable(talk) == expected(trained, motion)
+            assert {message["objects"]["object"] for message in talk.said("segment")} == {"object"}
+
+    def test_objects_may_have_any_names(self, server: Server, trained: Model) -> None:
+        thing = MOTION.objects["object"]
+        motion = replace(MOTION, objects={"saucer": thing + np.array([0.5, 0.3, 0.0]), "cup": thing})
+        with talking(server) as talk:
+            talk.start(objects=["saucer", "cup"])
+            talk.frames(motion)
+            talk.say("end")
+            talk.rest()
+            assert durable(talk) == expected(trained, motion)
+            assert {message["objects"]["object"] for message in talk.said("segment")} == {"cup"}
+
+
+class TestGoals:
+    @pytest.mark.parametrize("places", [{}, PLACES])
+    def test_are_weighed_by_hypotheses_and_change_no_segment(
+        self, server: Server, trained: Model, places: Message
+    ) -> None:
+        with talking(server) as talk:
+            talk.start(goals=places, options={"hypotheses_hz": 100})
+            for first in range(0, len(MOTION), 25):
+                talk.frames(MOTION, first, min(first + 25, len(MOTION)))
+                talk.say("flush", id=first)
+                talk.hear("flushed")
+            talk.say("end")
+            talk.rest()
             assert durable(talk) == expected(trained, MOTION)
+        weighed = [guess["goals"] for guess in talk.said("hypothesis") if "goals" in guess]
+        assert weighed
+        for goals in weighed:
+            posteriors = [goal["posterior"] for goal in goals]
+            assert {goal["name"] for goal in goals} == {"object", *places}
+            assert posteriors == sorted(posteriors, reverse=True)
+            assert sum(posteriors) == pytest.approx(1.0)
+
+    def test_are_meant_in_the_geometry_of_the_stream(self, server: Server) -> None:
+        with talking(server) as talk:
+            geometry = {"length_unit": "cm", "up_axis": "y"}
+            session_id = talk.start(geometry=geometry, goals={"shelf": [40, 90, -20]})["session_id"]
+        told = httpx.get(f"{server.url}/v1/sessions/{session_id}").json()
+        assert told["goals"] == {"shelf": [0.4, 0.2, 0.9]}
 
 
 class TestMessages:
@@ -296,13 +339,15 @@ class TestPromises:
             session_id = talk.start()["session_id"]
             talk.frames(MOTION)
             talk.say("end")
-            for _ in range(5):
+            kind = ""
+            while kind != "ended":
                 message = talk.hear("segment", "gap", "ended")
+                kind = message["type"]
                 with server.database.reading() as tx:
                     kept = sessions.events(tx, session_id, after=message["event"] - 1, limit=1)
-                assert [stored.type for stored in kept] == [message["type"]]
+                assert [stored.type for stored in kept] == [kind]
 
-    def test_in_real_time_answers_come_in_time(self, server: Server) -> None:
+    def test_in_real_time_answers_come_in_time(self, server: Server, trained: Model) -> None:
         """accepted at least every 0.5 s, durable within 1.5 s; hypotheses no faster than asked for."""
         told: list[tuple[float, Message]] = []
         with talking(server) as talk:
@@ -321,7 +366,8 @@ class TestPromises:
         assert 5 <= len(guesses) <= 5 * told[-1][0] + 2
         for guess in guesses:
             assert sum(action["posterior"] for action in guess["actions"]) == pytest.approx(1.0)
-            assert guess["start_seq"] < guess["through_seq"] < 300
+            assert guess["start_seq"] <= guess["through_seq"] < 300
+            assert {action["action"] for action in guess["actions"]} == {*trained.names, None, "rest"}
 
     def test_readyz_says_that_sessions_are_at_work(self, server: Server) -> None:
         assert httpx.get(f"{server.url}/readyz").json()["sessions"] == "ok"

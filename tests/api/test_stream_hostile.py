@@ -237,6 +237,12 @@ def resuming(started: Message, last_event: int = -1) -> Message:
     }
 
 
+@pytest.fixture(scope="module")
+def pairs(server: Server, paired: Model) -> str:
+    """The name of a model with two roles that has a version."""
+    return server.teach(paired, "pairs")
+
+
 class TestStart:
     @pytest.mark.parametrize(
         ("first", "code"),
@@ -265,7 +271,15 @@ class TestStart:
             ({"geometry": {"length_unit": "inch", "up_axis": "z"}}, 4400, "malformed"),
             ({"geometry": {"length_unit": "m", "up_axis": "x"}}, 4400, "malformed"),
             ({"geometry": {"length_unit": "m"}}, 4400, "malformed"),
-            ({"goals": {"left": [0, 0, 0]}}, 4400, "malformed"),
+            ({"goals": [[0, 0, 0]]}, 4400, "malformed"),
+            ({"goals": {"left": [0, 0]}}, 4400, "malformed"),
+            ({"goals": {"left": [0, 0, "0"]}}, 4400, "malformed"),
+            ({"goals": {"left": [0, 0, NAN]}}, 4400, "malformed"),
+            ({"goals": {"left": [0, 0, 101]}}, 4422, "wrong_unit"),
+            ({"goals": {"object": [0, 0, 0]}}, 4422, "goals_invalid"),
+            ({"goals": {"": [0, 0, 0]}}, 4400, "malformed"),
+            ({"goals": {"x" * 65: [0, 0, 0]}}, 4400, "malformed"),
+            ({"goals": {f"goal {index}": [0, 0, 0] for index in range(33)}}, 4400, "malformed"),
             ({"key": "secret"}, 4400, "malformed"),
             ({"rate_hz": 0}, 4400, "malformed"),
             ({"rate_hz": -100}, 4400, "malformed"),
@@ -275,7 +289,12 @@ class TestStart:
             ({"encoding": "f16"}, 4400, "malformed"),
             ({"encoding": "f32"}, 4422, "f32_needs_rate"),
             ({"objects": []}, 4422, "role_missing"),
-            ({"objects": ["cup"]}, 4422, "role_missing"),
+            ({"model": "pairs", "objects": ["cup"]}, 4422, "role_missing"),
+            (
+                {"model": "pairs", "objects": [f"cup {index}" for index in range(9)]},
+                4422,
+                "objects_ambiguous",
+            ),
             ({"objects": ["object", "object"]}, 4422, "objects_invalid"),
             ({"objects": ["object", "hand"]}, 4422, "objects_invalid"),
             ({"objects": [f"object{index}" for index in range(33)]}, 4400, "malformed"),
@@ -290,8 +309,9 @@ class TestStart:
         ],
     )
     def test_a_start_that_cannot_be_served(
-        self, server: Server, fields: Message, close_code: int, code: str
+        self, server: Server, pairs: str, fields: Message, close_code: int, code: str
     ) -> None:
+        assert pairs == "pairs"
         sessions = len(httpx.get(f"{server.url}/v1/sessions?page_size=500").json()["sessions"])
         with talking(server) as talk:
             given = {"model": "table-top", "geometry": METRES, **fields}
@@ -307,6 +327,7 @@ class TestStart:
             ({"rate_hz": 100}, "resume_mismatch"),
             ({"objects": ["object", "cup"]}, "resume_mismatch"),
             ({"scene": {"table_height_m": 0.5}}, "resume_mismatch"),
+            ({"goals": {"left": [0, 0, 0]}}, "resume_mismatch"),
             ({"last_event": 0}, "resume_mismatch"),
             ({"last_event": 10**30}, "resume_mismatch"),
         ],

@@ -164,6 +164,7 @@ def test_an_artifact_taken_elsewhere_does_the_same(
         (lambda model: model["features"].update(objects=["cup"]), "features.objects"),
         (lambda model: model["actions"][0]["stay"].__setitem__(0, 2.0), "stay"),
         (lambda model: model.update(format="pickle"), "format"),
+        (lambda model: model["actions"][1].update(action="rest"), "actions[1].action"),
     ],
 )
 def test_an_artifact_that_is_none_is_refused_by_field(

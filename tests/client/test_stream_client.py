@@ -6,6 +6,7 @@ import asyncio
 import json
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
 from app.client import AsyncGestaClient, AsyncStream, GestaClient, Stream, StreamError
@@ -56,7 +57,7 @@ class TestStream:
             checked(json.dumps(message))
 
     def test_goes_on_where_the_connection_was_cut(self, wire: Wire, trained: Model) -> None:
-        with Stream(wire.url, "table-top") as stream:
+        with Stream(wire.url, "table-top", goals={"shelf": np.array([0.4, 0.2, 0.9])}) as stream:
             for start in range(0, 400, 50):
                 push(stream, start, start + 50)
                 if start % 100 == 0:

@@ -50,9 +50,10 @@ class TestFrames:
         settled = settle(LAYOUT, written, 0, -1.0)
         np.testing.assert_array_equal(settled, rows)
         np.testing.assert_array_equal(settled, settle(binary, packed, 0, -1.0))
-        motion = trajectory(LAYOUT, settled, ("object",))
+        motion = trajectory(LAYOUT, settled)
+        np.testing.assert_array_equal(motion.hand, found[:, 0])
         np.testing.assert_array_equal(motion.objects["object"], found[:, 2])
-        assert set(motion.objects) == {"object"}
+        np.testing.assert_array_equal(motion.objects["cup"], found[:, 1])
 
     def test_a_rate_gives_the_times_whatever_was_sent_before(self) -> None:
         layout = Layout((), Geometry(), rate_hz=30.0)
