@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import struct
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from app.motion.hypothesis import Expected, Hypothesis
 from app.registry.records import StoredEvent
+from app.service import messages
 from app.service.frames import Layout, from_binary, from_columns, settle, trajectory
 from app.service.geometry import UNITS_PER_METRE, Geometry, LengthUnit, UpAxis, to_metres
 from app.service.journal import Entry, Journal
@@ -123,6 +126,25 @@ class TestMark:
             assert await mark.beyond(2) == 3
 
         asyncio.run(run())
+
+
+class TestHypothesis:
+    def test_is_told_with_the_likely_goals_first_and_no_share_above_one(self) -> None:
+        actions = Expected("grasp", 1.0000000000000002, 0.25), Expected("rest", 0.0, None)
+        found = Hypothesis(3, 9, actions, {"cup": 0.25, "shelf": 0.75})
+        assert json.loads(messages.hypothesis(found)) == {
+            "type": "hypothesis",
+            "start_seq": 3,
+            "through_seq": 9,
+            "actions": [
+                {"action": "grasp", "posterior": 1.0, "progress": 0.25},
+                {"action": "rest", "posterior": 0.0, "progress": None},
+            ],
+            "goals": [{"name": "shelf", "posterior": 0.75}, {"name": "cup", "posterior": 0.25}],
+        }
+
+    def test_has_no_goals_without_candidates(self) -> None:
+        assert "goals" not in json.loads(messages.hypothesis(Hypothesis(0, 9, (), {})))
 
 
 class Source:
