@@ -47,6 +47,7 @@ Code = Literal[
     "too_big",
     "unknown_type",
     "version_not_found",
+    "version_unusable",
     "write_failed",
     "wrong_channels",
     "wrong_objects",

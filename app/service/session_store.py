@@ -17,12 +17,12 @@ from app.motion.model import Model
 from app.motion.recogniser import Recogniser
 from app.motion.trajectory import FARTHEST_M, Scene
 from app.registry import models, sessions
-from app.registry.errors import OutOfOrder
+from app.registry.errors import ArtifactInvalid, OutOfOrder
 from app.registry.records import SessionRecord, SessionState, StoredEvent
 from app.service.frames import Encoding, Layout
 from app.service.geometry import Geometry, Goals, to_metres
 from app.service.journal import Entry
-from app.service.lab import Lab
+from app.service.lab import Lab, Version
 from app.service.messages import as_json
 from app.service.session import Pinned
 from app.service.session_errors import SessionGone, StartRefused, WriteFailed
@@ -100,7 +100,7 @@ class SessionStore:
 
     def open(self, wish: Wish) -> Opened:
         """Create a session on the version it asks for. Raises NotFound, StartRefused."""
-        version = self._lab.version(wish.model, wish.version)
+        version = self._version(wish)
         model, number = version.model, version.record.number
         layout = wish.layout(model.features.objects)
         goals = wish.places(layout.objects)
@@ -187,6 +187,13 @@ class SessionStore:
         """Drop the frames of sessions that are over and were last seen before then; return how many."""
         with self._lab.database.transaction() as tx:
             return sessions.drop_frames(tx, last_seen_before=last_seen_before)
+
+    def _version(self, wish: Wish) -> Version:
+        try:
+            return self._lab.version(wish.model, wish.version)
+        except ArtifactInvalid as error:
+            detail = f"what was trained cannot be read ({error}): train the model again"
+            raise StartRefused("version_unusable", detail) from error
 
     def _close(self, session_id: str, state: SessionState, last_seen_before: datetime | None = None) -> bool:
         """End a session that this process does not feed; return whether it was active, and seen no later.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from itertools import pairwise
 from time import monotonic, sleep
@@ -17,9 +18,10 @@ from websockets.typing import Subprotocol
 from app.motion.model import Model
 from app.motion.simulation import recording
 from app.motion.trajectory import Trajectory
-from app.registry import aliases, sessions
+from app.registry import aliases, sessions, versions
+from app.registry.artifacts import dump_model
 from tests.serving import Server
-from tests.talking import Message, Talk, binary, columns, expected, positions, talking
+from tests.talking import METRES, Message, Talk, binary, columns, expected, positions, talking
 
 MOTION = recording(5, 5).trajectory
 LAST = len(MOTION) - 1
@@ -326,6 +328,19 @@ class TestVersions:
             talk.say("end")
             talk.rest()
             assert {message["version"] for message in talk.said("segment")} == {1}
+
+    def test_one_of_an_older_format_is_refused_by_name(self, server: Server, trained: Model) -> None:
+        name = server.teach(trained, "old")
+        artifact = json.loads(dump_model(trained)) | {"format_version": 1}
+        digest = server.store.put(json.dumps(artifact).encode())
+        with server.database.transaction() as tx:
+            fields: dict[str, Any] = {"options": {}, "demonstrations": [], "library_versions": {}}
+            versions.register(tx, name, artifact_digest=digest, actions=trained.names, **fields)
+        with talking(server) as talk:
+            talk.say("start", model=name, geometry=METRES)
+            closed_with, code, error = talk.refused()
+            assert (closed_with, code) == (4422, "version_unusable")
+            assert "format_version" in error["detail"]
 
     def version_of(self, server: Server, **start: Any) -> int:
         with talking(server) as talk:
