@@ -1,227 +1,166 @@
-"""How well actions are recognised: through a real server, on simulated and on real motion.
+"""How well actions are recognised, by which method, under which conditions: on simulated and on real motion.
 
-    python benchmarks/recognition.py [--data DIR]... [--output PAGE]
+    python benchmarks/recognition.py [--data DIR]... [--seeds N] [--sequences N] [--only NAME]...
+        [--output PAGE]
 
-Every folder is laid out like ``vmci_pick_place``; without ``--data`` all that are known are run.
+Every folder is laid out like ``vmci_pick_place``; without ``--data`` all that are known are run. NAME is a
+condition, a folder, or one of the sections; without ``--only`` everything is run.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from app.client import GestaClient
-from app.motion.evaluation import Evaluation, evaluate
-from app.motion.recogniser import SegmentEvent, recognise
-from app.motion.simulation import Conditions, demonstrations, recording
-from app.motion.trajectory import Recording, Segment, Trajectory
-from benchmarks import page
-from benchmarks.folders import Labelled, known_folders, load_recordings, load_sequences, split
-from benchmarks.served import Taught, server, teach_demonstrations, teach_recordings
+from app.motion.simulation import demonstrations
+from benchmarks import anticipation, bystanders, delay, learning, novelty, page
+from benchmarks.asked import asked
+from benchmarks.comparison import REAL, SIMULATED, compare
+from benchmarks.conditions import COLUMNS, LONG_ACTIONS, N_ACTIONS, N_LONG
+from benchmarks.folders import known_folders
+from benchmarks.methods import Core
+from benchmarks.served import server, teach_demonstrations
+from benchmarks.teaching import Source, by_person, folds, simulator
 
-N_SEQUENCES, N_ACTIONS = 107, 3
-"""The paper's test: so many sequences of so many actions (Sec. IV-A)."""
+N_SEEDS, N_SEQUENCES = 5, 107
+"""By default; the paper's test has so many sequences (Sec. IV-A)."""
 
-N_LONG, LONG_ACTIONS = 10, 20
-"""So many recordings of more actions, as in the paper's Fig. 8."""
-
-TRAINING_SEED, FIRST_SEED = 0, 1
-"""Of the simulated demonstrations, and of the first of the sequences."""
-
-SWEEP = 3.0
-
-DELINEATED, LEAD, F1 = 0.98, 0.03, 0.95
-"""What is asked for: the share delineated, how far greedy stays behind, F1@50 from person to person."""
+N_SERVED = 10
+"""Sequences that go through a server, too."""
 
 INTRODUCTION = """\
-Steps 1-3 run in a server: demonstrations are uploaded and trained over HTTP, then every sequence is
-streamed over WebSocket; the segments that come back are measured against the truth. *Greedy* is Step 1
-alone, without look-ahead, run in this process with the same model: the server offers only Steps 1-3.
-The measures are those of `app.motion.evaluation`: *classified* is the share of the delineated actions whose
-class is right; standing still is rest, and *in rest* is the share of its frames in which an action was
-found."""
+*Ours* is `recognise` of the core as it is if nothing else is asked for; *Steps 1-3* is the paper's search and
+*greedy* its Step 1 alone, with the same models. *One HMM* joins left-right HMMs on positions or velocities in
+the world and decodes the whole with Viterbi (hmmlearn). *Change points* cuts where the directions of hand and
+object change (ruptures, penalty set on the demonstrations) and classifies the pieces with our criterion.
+The *garbage model* is that of Elmezain, Al-Hamadi and Michaelis (ICIP 2009), the paper's reference [5]. All
+are trained on the same demonstrations. The measures are those of `app.motion.evaluation`: *classified* is the
+share of the delineated actions whose class is right; standing still is rest, and *in rest* is the share
+of its frames in which an action was found; an *extra* segment matches no true one at 0.5, whatever its
+class."""
 
-SIMULATED = """\
-The paper's protocol (Sec. IV-A): trained on demonstrations of four actions at six places (seed {training}),
-{n} sequences of {actions} actions at places nobody demonstrated (seeds {first}-{last}). In *sweeping* ones
-bow and deviations are {sweep:g} times as large as in training. *Long* ones are {n_long}
-of {long_actions} actions (Fig. 8)."""
+SIMULATOR = """\
+The paper's protocol (Sec. IV-A): trained on clean demonstrations of four actions at six places, {n} sequences
+of {actions} actions at places nobody demonstrated; of {long} actions {n_long}. Medians over {seeds} seed(s)
+of training, each with sequences of its own. At other rates and jittered, the motion is that of the clean
+ones."""
 
-FOLDER = """\
-Each row is a model trained on all others' sequences: {folds}. The mean is over the rows of sequences."""
+FOLDERS = """\
+Trained on what all other people show and tested on one, each in turn; where names are no people's, trained on
+one half of the sequences and tested on the other. *Joined*: longer recordings of several runs. Means over the
+folds."""
 
-Method = Callable[[Taught, Trajectory], list[Segment]]
+SERVED = """\
+The clean sequences of the first seed, streamed to a real server that was taught the same demonstrations."""
 
 
 @dataclass(frozen=True)
-class Result:
-    """The measures of one method on one test."""
+class Scale:
+    """How much is run; compared: the folders in which methods are compared, the sections use all."""
 
-    test: str
-    method: str
-    measures: Evaluation
+    n_seeds: int
+    n_sequences: int
+    folders: Sequence[Path]
+    compared: Sequence[Path]
+    columns: Sequence[str]
+    output: Path | None
 
+    @property
+    def simulators(self) -> list[Source]:
+        """The simulator, trained with each seed."""
+        return [simulator(seed) for seed in range(self.n_seeds)]
 
-def steps(taught: Taught, motion: Trajectory) -> list[Segment]:
-    """Return what the server finds."""
-    return taught.recognise(motion)
-
-
-def greedy(taught: Taught, motion: Trajectory) -> list[Segment]:
-    """Return what is found without look-ahead."""
-    events = recognise(taught.model, motion, method="greedy")
-    return [Segment(each.start, each.end, each.action) for each in events if isinstance(each, SegmentEvent)]
-
-
-METHODS: dict[str, Method] = {"Steps 1-3": steps, "greedy": greedy}
+    def folds(self, people: Collection[bool] = (True, False)) -> list[Source]:
+        """Return the folds of the folders that are, or are not, by person."""
+        return [source for folder in self.folders if by_person(folder) in people for source in folds(folder)]
 
 
-def measure(taught: Taught, test: str, recordings: Sequence[Recording]) -> list[Result]:
-    """Return the measures of every method."""
-    results = []
-    for name, method in METHODS.items():
-        begin = time.monotonic()
-        found = [
-            (each.trajectory.times, each.segments, method(taught, each.trajectory)) for each in recordings
-        ]
-        results.append(Result(test, name, evaluate(found)))
-        page.tell(f"{test}, {name}: {len(recordings)} recordings in {time.monotonic() - begin:.1f} s")
-    return results
+Part = tuple[str, list[page.Goal]]
 
 
-def simulated(client: GestaClient) -> tuple[str, list[page.Goal]]:
-    """Return the section on the paper's protocol, and whether what is asked of it is met."""
-    taught = teach_demonstrations(client, "simulated", demonstrations(TRAINING_SEED))
-    seeds = range(FIRST_SEED, FIRST_SEED + N_SEQUENCES)
-    results = []
-    for test, conditions in (("as trained", Conditions()), ("sweeping", Conditions(sweep=SWEEP))):
-        results += measure(taught, test, [recording(seed, N_ACTIONS, conditions) for seed in seeds])
-    results += measure(taught, "long", [recording(seed, LONG_ACTIONS) for seed in seeds[:N_LONG]])
-    text = SIMULATED.format(
-        training=TRAINING_SEED,
-        n=N_SEQUENCES,
-        actions=N_ACTIONS,
-        first=seeds[0],
-        last=seeds[-1],
-        sweep=SWEEP,
-        n_long=N_LONG,
-        long_actions=LONG_ACTIONS,
+def comparison(pool: Executor, scale: Scale) -> Part:
+    """Return the sections that compare methods, and whether what is asked of them is met."""
+    compared = compare(pool, scale.n_seeds, scale.n_sequences, scale.columns, scale.compared)
+    parts = []
+    if scale.columns:
+        text = SIMULATOR.format(
+            n=scale.n_sequences,
+            actions=N_ACTIONS,
+            long=LONG_ACTIONS,
+            n_long=min(N_LONG, scale.n_sequences),
+            seeds=scale.n_seeds,
+        )
+        parts.append(f"## Simulated\n\n{text}\n\n{compared.tables(SIMULATED, compared.simulated)}")
+    if compared.real:
+        parts.append(f"## Recorded\n\n{FOLDERS}\n\n{compared.tables(REAL, compared.real)}")
+        parts.append(f"### Each fold\n\n{compared.details()}")
+    return "\n".join(parts), asked(compared, scale.compared)
+
+
+def through_server(n_sequences: int) -> Part:
+    """Return whether a server finds what is found in this process."""
+    recordings = COLUMNS["clean"].recordings(0, min(n_sequences, N_SERVED))
+    with server() as client:
+        taught = teach_demonstrations(client, "simulated", demonstrations(0))
+        theirs = [taught.recognise(each.trajectory) for each in recordings]
+    ours = [Core(taught.model)(each.trajectory) for each in recordings]
+    same = sum(a == b for a, b in zip(ours, theirs, strict=True))
+    row = [str(len(recordings)), str(sum(map(len, theirs))), str(sum(map(len, ours))), str(same)]
+    names = ["sequences", "segments by the server", "in this process", "sequences with the same segments"]
+    goal = page.Goal(
+        "through a server: the same segments", f"{same} of {len(recordings)}", same == len(recordings)
     )
-    ours, plain, *_ = (result.measures for result in results)
-    return _section("Simulated", text, [_row(result) for result in results]), _paper_goals(ours, plain)
+    return f"## Through a server\n\n{SERVED}\n\n{page.table(names, [row], n_words=0)}", [goal]
 
 
-def _paper_goals(ours: Evaluation, plain: Evaluation) -> list[page.Goal]:
-    delineated, classified = ours.delineated or 0.0, ours.classified_of_delineated or 0.0
-    lead = delineated - (plain.delineated or 0.0)
-    return [
-        page.Goal(
-            f"simulated: Steps 1-3 delineate ≥ {DELINEATED:.2f}",
-            f"{delineated:.3f}",
-            delineated >= DELINEATED,
-        ),
-        page.Goal("simulated: all of those classified right", f"{classified:.3f}", classified == 1.0),
-        page.Goal(f"simulated: greedy ≥ {LEAD:.2f} below", f"{lead:.3f} below", lead >= LEAD),
-    ]
-
-
-def on_folder(client: GestaClient, folder: Path) -> tuple[str, list[page.Goal]]:
-    """Return the section on a folder, and whether what is asked from person to person is met."""
-    folds = split(load_sequences(folder), load_recordings(folder))
-    results: list[Result] = []
-    means: list[Result] = []
-    for sequences, longer in folds:
-        shown = [each.recording for each in sequences.training]
-        taught = teach_recordings(client, f"{folder.name}-{sequences.name}", shown)
-        means += measure(taught, f"{sequences.name}, sequences", _recordings(sequences.test))
-        results += means[-len(METHODS) :]
-        if longer.test:
-            results += measure(taught, f"{sequences.name}, joined", _recordings(longer.test))
-    rows = [_row(result) for result in results]
-    rows += [_mean_row(name, [result for result in means if result.method == name]) for name in METHODS]
-    told = ", ".join(f"{fold.name} ({len(fold.test)} sequences)" for fold, _ in folds)
-    f1 = _mean([result.measures.f1_50 for result in means if result.method == "Steps 1-3"]) or 0.0
-    asked = f"{folder.name}: from person to person F1@50 ≥ {F1:.2f}"
-    goals = [page.Goal(asked, f"{f1:.3f}", f1 >= F1)] if folds[0][0].by_person else []
-    return _section(folder.name, FOLDER.format(folds=told), rows), goals
-
-
-def _section(title: str, text: str, rows: Sequence[Sequence[str]]) -> str:
-    return f"## {title}\n\n{text}\n\n{page.table(COLUMNS, rows, n_words=2)}"
-
-
-def _recordings(labelled: Sequence[Labelled]) -> list[Recording]:
-    return [each.recording for each in labelled]
-
-
-COLUMNS = (
-    "test",
-    "method",
-    "true",
-    "found",
-    "delineated",
-    "classified",
-    "F1@50",
-    "F1@75",
-    "frames",
-    "in rest",
-    "boundary [ms]",
-)
-
-
-def _shares(measures: Evaluation) -> list[float | None]:
-    return [
-        measures.delineated,
-        measures.classified_of_delineated,
-        measures.f1_50,
-        measures.f1_75,
-        measures.frame_accuracy,
-        measures.action_in_rest,
-    ]
-
-
-def _row(result: Result) -> list[str]:
-    found = result.measures
-    shares = [_share(value) for value in _shares(found)]
-    error = _milliseconds(found.median_boundary_error_ms)
-    return [result.test, result.method, str(found.n_true), str(found.n_found), *shares, error]
-
-
-def _mean_row(method: str, results: Sequence[Result]) -> list[str]:
-    columns = zip(*(_shares(result.measures) for result in results), strict=True)
-    errors = [result.measures.median_boundary_error_ms for result in results]
-    shares = [_share(_mean(column)) for column in columns]
-    return ["**mean of sequences**", method, "", "", *shares, _milliseconds(_mean(errors))]
-
-
-def _mean(values: Sequence[float | None]) -> float | None:
-    there = [value for value in values if value is not None]
-    return sum(there) / len(there) if there else None
-
-
-def _share(value: float | None) -> str:
-    return "" if value is None else f"{value:.3f}"
-
-
-def _milliseconds(value: float | None) -> str:
-    return "" if value is None else f"{value:.0f}"
+SECTIONS: dict[str, Callable[[Executor, Scale], Part]] = {
+    "server": lambda _, scale: through_server(scale.n_sequences),
+    "unknown": lambda pool, scale: novelty.section(
+        pool, [*scale.simulators, *scale.folds(people=[False])], scale.n_sequences
+    ),
+    "objects": lambda pool, scale: bystanders.section(pool, scale.simulators, scale.n_sequences),
+    "soon": lambda pool, scale: delay.section(
+        pool, [*scale.simulators, *scale.folds()], scale.n_sequences, scale.output
+    ),
+    "before": lambda pool, scale: anticipation.section(
+        pool, [*scale.simulators, *scale.folds()], scale.n_sequences
+    ),
+    "learning": lambda pool, scale: learning.section(pool, scale.folds(people=[True])),
+}
 
 
 def main() -> None:
     """Measure, print and write the page."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     options.add_argument("--data", type=Path, action="append", help="a folder; may be given again")
-    options.add_argument("--output", type=Path, help="page to write")
+    options.add_argument("--seeds", type=int, default=N_SEEDS, help="of the simulator's demonstrations")
+    options.add_argument("--sequences", type=int, default=N_SEQUENCES, help="simulated for each seed")
+    options.add_argument("--only", action="append", help="a condition, folder or section; may be given again")
+    options.add_argument("--output", type=Path, help="page to write; images go beside it")
     given = options.parse_args()
-    with server() as client:
-        parts = [simulated(client)]
-        parts += [on_folder(client, folder.resolve()) for folder in given.data or known_folders()]
+    folders = [folder.resolve() for folder in given.data or known_folders()]
+    names = [*COLUMNS, *(folder.name for folder in folders), *SECTIONS]
+    wanted = given.only or names
+    if unknown := sorted(set(wanted) - set(names)):
+        options.error(f"--only {', '.join(unknown)}: there are {', '.join(names)}")
+    chosen = [folder for folder in folders if folder.name in wanted]
+    columns = [name for name in COLUMNS if name in wanted]
+    scale = Scale(given.seeds, given.sequences, folders, chosen, columns, given.output)
+    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+        parts = [comparison(pool, scale)] if columns or chosen else []
+        for name in (name for name in SECTIONS if name in wanted):
+            begin = time.monotonic()
+            parts.append(SECTIONS[name](pool, scale))
+            page.tell(f"{name}: {time.monotonic() - begin:.0f} s")
     goals = [goal for _, of_part in parts for goal in of_part]
     sections = [page.heading("Recognition", INTRODUCTION), page.goals(goals), *(text for text, _ in parts)]
     page.publish("\n".join(sections), given.output)
