@@ -15,7 +15,7 @@ from app.motion.features import BLEND, alignment, line
 from app.motion.generation import GeneratedMotion, generate, keypoint_phases
 from app.motion.model import FeatureSpecification, Model
 from app.motion.simulation import STYLES, demonstrations
-from app.motion.training import TrainingOptions, fit_model, observe
+from app.motion.training import TrainingOptions, conditioned, fit_model, observe
 from app.motion.trajectory import Floats
 
 SPECIFICATION = FeatureSpecification(("object",))
@@ -54,7 +54,9 @@ def demonstrated(action: str, phase: Floats) -> Floats:
     shapes = []
     for demonstration in demonstrations(1):
         if demonstration.action == action:
-            shape = observe(demonstration, SPECIFICATION)[:, :3]
+            shape = observe(conditioned(demonstration, SPECIFICATION), demonstration.scene.table_height)[
+                :, :3
+            ]
             at = np.linspace(0.0, 1.0, len(shape))
             shapes.append([np.interp(phase, at, component) for component in shape.T])
     mean: Floats = np.mean(shapes, axis=0).T

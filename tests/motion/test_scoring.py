@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -15,8 +14,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import t as student
 
+from app.motion.conditioning import Tracks
 from app.motion.features import BLEND, encode
-from app.motion.model import ActionModel, Background, FeatureSpecification, Model
+from app.motion.model import (
+    N_OF_MOVEMENT,
+    N_OF_ROLE,
+    PACE,
+    PHASE,
+    ActionModel,
+    Background,
+    Familiarity,
+    FeatureSpecification,
+    Model,
+    Rest,
+)
 from app.motion.scoring import Indices, score_segments, states_of
 from app.motion.trajectory import Floats
 
@@ -27,23 +38,21 @@ TABLE = 0.7
 seeds = st.integers(0, 2**32 - 1)
 
 
-class Motion(NamedTuple):
-    """Positions of a hand (n_frames, 3) and of objects (n_objects, n_frames, 3) [m]."""
-
-    hand: Floats
-    objects: Floats
-
-    def features(self, segment: Sequence[int]) -> Floats:
-        part = slice(segment[0], segment[1] + 1)
-        positions = encode(self.hand[part], self.objects[:, part], TABLE)
-        phase = np.linspace(0.0, 1.0, len(positions))
-        return np.column_stack([positions, np.where(np.isnan(positions[:, 0]), np.nan, phase)])
+def features_of(tracks: Tracks, segment: Sequence[int], filling: Sequence[int]) -> Floats:
+    """Return the (n_frames, n_features) features of a segment with these objects in the roles."""
+    part = tracks.part(segment[0], segment[1] + 1)
+    positions = encode(part.hand, part.objects, TABLE)
+    phase = np.linspace(0.0, 1.0, len(positions))
+    phase[np.isnan(positions[:, 0])] = np.nan
+    of_roles = [column for at in filling for column in (positions[:, 4 + at], part.paces[at])]
+    return np.column_stack([positions[:, :4], part.pace, phase, *of_roles])
 
 
-def motion_of(rng: np.random.Generator, n_frames: int, n_objects: int = 1) -> Motion:
-    """Return a walk of about 2 cm a frame."""
+def motion_of(rng: np.random.Generator, n_frames: int, n_objects: int = 1) -> Tracks:
+    """Return a walk of about 2 cm a frame, with paces that it has nothing to do with."""
     hand = np.array([0.1, 0.2, TABLE]) + rng.normal(0.0, 0.02, (n_frames, 3)).cumsum(axis=0)
-    return Motion(hand, hand + rng.normal(0.0, 0.1, (n_objects, n_frames, 3)))
+    objects = hand + rng.normal(0.0, 0.1, (n_objects, n_frames, 3))
+    return Tracks(hand, rng.normal(0.0, 0.1, n_frames), objects, rng.normal(0.0, 0.1, (n_objects, n_frames)))
 
 
 def model_of(rng: np.random.Generator, n_states: Sequence[int], n_objects: int = 1) -> Model:
@@ -63,7 +72,9 @@ def model_of(rng: np.random.Generator, n_states: Sequence[int], n_objects: int =
         )
         for index, n in enumerate(n_states)
     )
-    return Model(specification, actions, Background(rng.uniform(0.5, 2.0, n_features)))
+    background = Background(rng.uniform(0.5, 2.0, n_features))
+    familiarity = Familiarity(np.ones(len(actions)), np.zeros(len(actions)))
+    return Model(specification, actions, background, familiarity, Rest(0.0, 1.0))
 
 
 def segments_of(rng: np.random.Generator, n_frames: int, n_segments: int) -> Indices:
@@ -71,9 +82,18 @@ def segments_of(rng: np.random.Generator, n_frames: int, n_segments: int) -> Ind
     return np.sort([rng.choice(n_frames, 2, replace=False) for _ in range(n_segments)], axis=1)
 
 
-def ratios(model: Model, motion: Motion, segments: Indices | Sequence[Sequence[int]]) -> Floats:
-    result: Floats = score_segments(*motion, TABLE, np.array(segments), states_of(model))
+def named(model: Model) -> Indices:
+    """Return the one filling in which each object has the role of its own number."""
+    return np.arange(len(model.features.objects))[None]
+
+
+def ratios(model: Model, motion: Tracks, segments: Indices | Sequence[Sequence[int]]) -> Floats:
+    result: Floats = score_segments(motion, TABLE, np.array(segments), states_of(model), named(model))[0]
     return result
+
+
+def whole(model: Model, motion: Tracks, segment: Sequence[int]) -> Floats:
+    return features_of(motion, segment, named(model)[0].tolist())
 
 
 def log_densities(action: ActionModel, features: Floats) -> Floats:
@@ -146,7 +166,7 @@ def test_agrees_with_hmmlearn(seed: int, n_objects: int) -> None:
     model, motion = model_of(rng, (1, 3, 8), n_objects), motion_of(rng, 40, n_objects)
     segments = np.column_stack([rng.integers(0, 16, 4), rng.integers(24, 40, 4)])
     for segment, of_segment in zip(segments.tolist(), ratios(model, motion, segments), strict=True):
-        features = motion.features(segment)
+        features = whole(model, motion, segment)
         for action, ratio in zip(model.actions, of_segment, strict=True):
             expected = by_hmmlearn(action, features) - background(model, features)
             assert ratio == pytest.approx(expected, rel=1e-9, abs=1e-8)
@@ -157,7 +177,7 @@ def test_agrees_with_hmmlearn(seed: int, n_objects: int) -> None:
 def test_is_the_best_of_all_paths(seed: int, n_states: int, n_frames: int) -> None:
     rng = np.random.default_rng(seed)
     model, motion = model_of(rng, (n_states,)), motion_of(rng, n_frames)
-    features = motion.features((0, n_frames - 1))
+    features = whole(model, motion, (0, n_frames - 1))
     [[ratio]] = ratios(model, motion, [(0, n_frames - 1)])
     expected = by_enumeration(model.actions[0], features) - background(model, features)
     assert ratio == pytest.approx(expected, abs=1e-9)
@@ -168,12 +188,13 @@ def test_is_the_best_of_all_paths(seed: int, n_states: int, n_frames: int) -> No
 def test_missing_values_are_summed_out(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model, motion = model_of(rng, (3, 6), 2), motion_of(rng, 40, 2)
-    motion.hand[rng.random(40) < 0.3] = np.nan
-    motion.objects[rng.random((2, 40)) < 0.3] = np.nan
+    unseen, gone = rng.random(40) < 0.3, rng.random((2, 40)) < 0.3
+    motion.hand[unseen], motion.pace[unseen] = np.nan, np.nan
+    motion.objects[gone], motion.paces[gone] = np.nan, np.nan
     seen = np.flatnonzero(~np.isnan(motion.hand[:, 0]))
     segments = seen[segments_of(rng, len(seen), 6)]
     for segment, of_segment in zip(segments.tolist(), ratios(model, motion, segments), strict=True):
-        features = motion.features(segment)
+        features = whole(model, motion, segment)
         expected = [viterbi(action, features) - background(model, features) for action in model.actions]
         np.testing.assert_allclose(of_segment, expected, atol=1e-8)
 
@@ -181,8 +202,9 @@ def test_missing_values_are_summed_out(seed: int) -> None:
 def test_a_frame_of_which_nothing_is_seen_adds_only_its_step() -> None:
     rng = np.random.default_rng(1)
     model, motion = model_of(rng, (1,)), motion_of(rng, 3)
-    motion.hand[1] = np.nan
-    ends = motion.features((0, 2))[[0, 2]]
+    for track in (motion.hand, motion.pace, motion.objects[0], motion.paces[0]):
+        track[1] = np.nan
+    ends = whole(model, motion, (0, 2))[[0, 2]]
     [action] = model.actions
     steps = 2.0 * np.log(action.stay[0]) + np.log(1.0 - action.stay[0])
     expected = log_densities(action, ends).sum() + steps - background(model, ends)
@@ -197,14 +219,34 @@ def test_the_unit_of_length_does_not_matter(seed: int, unit: float) -> None:
     segments = segments_of(rng, 60, 8)
     across = motion.hand[segments[:, 1], :2] - motion.hand[segments[:, 0], :2]
     segments = segments[np.linalg.norm(across, axis=1) >= BLEND]
-    units = np.append(np.full(model.features.n_features - 1, unit), 1.0)
+    units = np.full(model.features.n_features, unit)
+    units[[PACE, PHASE]] = units[N_OF_MOVEMENT + 1 :: N_OF_ROLE] = 1.0  # a pace and a phase are no lengths
     actions = tuple(
         replace(action, means=units * action.means, variances=units**2 * action.variances)
         for action in model.actions
     )
     states = states_of(replace(model, actions=actions, background=Background(units * model.background.width)))
-    found = score_segments(unit * motion.hand, unit * motion.objects, unit * TABLE, segments, states)
+    scaled = motion._replace(hand=unit * motion.hand, objects=unit * motion.objects)
+    found, _ = score_segments(scaled, unit * TABLE, segments, states, named(model))
     np.testing.assert_allclose(found, ratios(model, motion, segments), atol=1e-8)
+
+
+@LAW
+@given(seeds, st.integers(1, 6))
+def test_the_best_filling_counts(seed: int, n_fillings: int) -> None:
+    rng = np.random.default_rng(seed)
+    model, motion = model_of(rng, (2, 5), 2), motion_of(rng, 40, 4)
+    segments, states = segments_of(rng, 40, 5), states_of(model)
+    fillings = rng.integers(0, 4, (n_fillings, 2))
+    found, filled = score_segments(motion, TABLE, segments, states, fillings)
+    singly = np.array([score_segments(motion, TABLE, segments, states, each[None])[0] for each in fillings])
+    np.testing.assert_array_equal(found, singly.max(axis=0))
+    np.testing.assert_array_equal(filled, singly.argmax(axis=0))
+    for segment, of_segment in zip(segments.tolist(), singly.swapaxes(0, 1), strict=True):
+        for filling, of_filling in zip(fillings.tolist(), of_segment, strict=True):
+            features = features_of(motion, segment, filling)
+            expected = [viterbi(action, features) - background(model, features) for action in model.actions]
+            np.testing.assert_allclose(of_filling, expected, atol=1e-8)
 
 
 @LAW
@@ -213,13 +255,13 @@ def test_segments_and_classes_do_not_depend_on_each_other(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model, motion = model_of(rng, (2, 5, 3)), motion_of(rng, 50)
     segments = segments_of(rng, 50, 10)
-    whole, order = ratios(model, motion, segments), rng.permutation(10)
-    np.testing.assert_array_equal(ratios(model, motion, segments[order]), whole[order])
+    every, order = ratios(model, motion, segments), rng.permutation(10)
+    np.testing.assert_array_equal(ratios(model, motion, segments[order]), every[order])
     for index, segment in enumerate(segments):
-        np.testing.assert_array_equal(ratios(model, motion, [segment])[0], whole[index])
+        np.testing.assert_array_equal(ratios(model, motion, [segment])[0], every[index])
     for index, action in enumerate(model.actions):
         alone = replace(model, actions=(action,))
-        np.testing.assert_array_equal(ratios(alone, motion, segments)[:, 0], whole[:, index])
+        np.testing.assert_array_equal(ratios(alone, motion, segments)[:, 0], every[:, index])
 
 
 @LAW
@@ -230,9 +272,9 @@ def test_frames_outside_a_segment_do_not_matter(seed: int) -> None:
     [[start, goal]] = segments = segments_of(rng, 50, 1)
     outside = np.ones(50, dtype=bool)
     outside[start : goal + 1] = False
-    elsewhere = Motion(motion.hand.copy(), motion.objects.copy())
-    elsewhere.hand[outside] = np.nan
-    elsewhere.objects[:, outside] = 7.0
+    elsewhere = Tracks(*(track.copy() for track in motion))
+    elsewhere.hand[outside], elsewhere.pace[outside] = np.nan, 7.0
+    elsewhere.objects[:, outside], elsewhere.paces[:, outside] = 7.0, np.nan
     np.testing.assert_array_equal(ratios(model, elsewhere, segments), ratios(model, motion, segments))
 
 

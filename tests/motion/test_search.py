@@ -97,10 +97,7 @@ def ends_of(found: list[Found]) -> list[tuple[int, int]]:
 def test_finds_what_the_paper_says_however_little_it_may_work(
     table: Floats, within: Bounds, look_ahead: bool, work: int
 ) -> None:
-    found = search(table, within, look_ahead, work)
-    assert ends_of(found) == by_the_paper(table, within, look_ahead)
-    for each in found:
-        np.testing.assert_array_equal(each.ratios, table[each.start, each.end])
+    assert ends_of(search(table, within, look_ahead, work)) == by_the_paper(table, within, look_ahead)
 
 
 @LAW
@@ -131,9 +128,9 @@ def test_segments_follow_each_other_within_bounds(table: Floats, within: Bounds)
 
 @LAW
 @given(tables(), bounds())
-def test_catching_up_decides_no_more_than_all_frames_there_do(table: Floats, within: Bounds) -> None:
+def test_one_frame_of_work_without_end_catches_up(table: Floats, within: Bounds) -> None:
     patient, hasty = (Search(of_table(table), within) for _ in range(2))
-    slowly = [each for _ in range(len(table)) for each in patient.frame(1)] + patient.catch_up()
+    slowly = [each for _ in range(len(table) - 1) for each in patient.frame(1)] + patient.frame(None)
     at_once = [each for _ in range(len(table)) for each in hasty.frame(10**6)]
     assert ends_of(slowly) == ends_of(at_once)
     assert patient.origin == hasty.origin
@@ -148,9 +145,7 @@ def overreaching() -> Floats:
 
 
 def test_looking_ahead_draws_back_from_the_successor() -> None:
-    first, second = search(overreaching(), BOUNDS)
-    assert (first.start, first.end, int(first.ratios.argmax())) == (0, 6, 0)
-    assert (second.start, second.end, int(second.ratios.argmax())) == (6, 14, 1)
+    assert ends_of(search(overreaching(), BOUNDS)) == [(0, 6), (6, 14)]
 
 
 def test_greed_stretches_into_the_successor() -> None:
@@ -174,18 +169,6 @@ def test_a_segment_is_decided_as_soon_as_its_successor_is_complete() -> None:
     when = [at for at in range(len(table)) if steps.frame()]
     # The last to be complete is the one that begins at 8: its best end, 14, is waited out.
     assert when == [14 + BOUNDS.patience]
-
-
-def test_the_movement_under_way_begins_at_the_last_candidate_boundary_behind() -> None:
-    steps = Search(of_table(overreaching()), BOUNDS)
-    begins = []
-    for _ in range(18):
-        steps.frame()
-        begins.append(steps.under_way)
-    assert begins[0] == 0
-    assert begins == sorted(begins)
-    assert begins[-1] in (8, 14)
-    assert steps.origin == 0
 
 
 @pytest.mark.parametrize("origin", [0, 7])

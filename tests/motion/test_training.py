@@ -11,20 +11,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.motion.baum_welch import Chain, log_likelihoods, repetition, train_chain
+from app.motion.conditioning import STILL
 from app.motion.errors import FitFailed, RoleMissing, UnusableDemonstration
-from app.motion.model import ActionModel, FeatureSpecification, Model
+from app.motion.model import N_OF_MOVEMENT, N_OF_ROLE, PACE, PHASE, ActionModel, FeatureSpecification, Model
 from app.motion.simulation import demonstrations
 from app.motion.training import (
     BACKGROUND,
+    CONTEXT_FLOOR,
     MIN_FRAMES,
+    PACE_FLOOR,
     PHASE_FLOOR,
     STATES,
     TrainingOptions,
     check_demonstration,
+    conditioned,
     fit_model,
     observe,
 )
-from app.motion.trajectory import Demonstration, Floats, Scene, Trajectory
+from app.motion.trajectory import Demonstration, Floats, Trajectory
 
 LAW = settings(derandomize=True, deadline=None, max_examples=15)
 
@@ -122,28 +126,45 @@ def test_parameters_are_always_numbers(seed: int, n_states: int, noise: float) -
 def test_demonstrations_that_are_all_alike_have_floored_spread() -> None:
     options = TrainingOptions(n_states=4, deviation_floor=0.01)
     [action] = fit_model([reach(noise=0.0)] * 3, SPECIFICATION, options).actions
-    least = np.append(np.full(5, 0.01), PHASE_FLOOR)
-    assert (np.sqrt(action.variances) >= least - 1e-12).all()
-    np.testing.assert_allclose(np.sqrt(action.variances[:, 1]), 0.01)
+    spreads = np.sqrt(action.variances)
+    floors = [0.01, 0.01, 0.01, CONTEXT_FLOOR, PACE_FLOOR, PHASE_FLOOR, CONTEXT_FLOOR, PACE_FLOOR]
+    assert (spreads >= np.array(floors) - 1e-12).all()
+    np.testing.assert_allclose(spreads[:, [1, N_OF_MOVEMENT + 1]], [[0.01, PACE_FLOOR]] * 4)
 
 
 def test_the_background_is_as_wide_as_all_demonstrations_and_more() -> None:
     shown = few(0, 5)
-    frames = np.concatenate([observe(each, SPECIFICATION) for each in shown])
-    model = fit_model(shown, SPECIFICATION, FOUR)
-    np.testing.assert_allclose(model.background.width, BACKGROUND * frames.std(axis=0))
+    frames = np.concatenate([observe(conditioned(each, SPECIFICATION), 0.0) for each in shown])
+    model, floored = fit_model(shown, SPECIFICATION, FOUR), [N_OF_MOVEMENT + 1]
+    np.testing.assert_allclose(
+        np.delete(model.background.width, floored), BACKGROUND * np.delete(frames.std(axis=0), floored)
+    )
+    assert (model.background.width[floored] >= BACKGROUND * PACE_FLOOR).all()
 
 
 def test_features_are_those_of_the_whole_movement_in_time() -> None:
-    shown = replace(without_hand(reach(noise=0.0), slice(20, 30)), scene=Scene(-0.5))
-    features = observe(shown, SPECIFICATION)
+    shown = without_hand(reach(noise=0.0), slice(20, 30))
+    features = observe(conditioned(shown, SPECIFICATION), -0.5)
     assert features.shape[1] == SPECIFICATION.n_features
     assert len(features) == pytest.approx(30 - 5, abs=1)
     np.testing.assert_allclose(features[:, :3], 0.0, atol=0.02)
     np.testing.assert_allclose(features[:, 3], 0.5, atol=0.02)
-    phase = features[:, 5]
+    np.testing.assert_allclose(features[:, PACE], np.log(0.3 / 0.59 + STILL), atol=1e-9)
+    phase = features[:, PHASE]
     assert (phase[0], phase[-1]) == (0.0, 1.0)
     assert np.diff(phase).max() == pytest.approx(6 / 29, abs=0.05)
+    distance, pace_of_object = features[:, N_OF_MOVEMENT : N_OF_MOVEMENT + N_OF_ROLE].T
+    np.testing.assert_allclose(distance, 0.3 * (1.0 - phase), atol=0.02)
+    np.testing.assert_allclose(pace_of_object, np.log(STILL), atol=1e-9)
+
+
+def test_a_demonstration_ends_with_the_last_point_that_is_seen() -> None:
+    """At 50 Hz the last point of 60 frames at 100 Hz lies beyond the last frame but one, a dropout."""
+    shown = without_hand(reach(60), [-2, -3])
+    tracks = conditioned(shown, SPECIFICATION)
+    assert not np.isnan(tracks.hand[[0, -1]]).any()
+    assert len(tracks.hand) == len(tracks.pace) == tracks.objects.shape[1] == tracks.paces.shape[1]
+    assert len(tracks.hand) == pytest.approx(30, abs=2)
 
 
 def test_durations_and_lengths_are_those_of_the_demonstrations() -> None:
@@ -205,10 +226,12 @@ def test_many_classes_count_as_evidence_by_their_demonstrations() -> None:
     model = fit_model(few(0, 4), SPECIFICATION, FOUR)
     grasp, push = model.actions
     mean = (grasp.repetition + push.repetition) / 2
-    assert model.evidence == pytest.approx(4 / 6 / mean)
+    assert model.evidence == pytest.approx(4 / model.features.n_features / mean)
     twice = replace(grasp, durations=np.tile(grasp.durations, 2))
     mean = (2 * grasp.repetition + push.repetition) / 3
-    assert replace(model, actions=(twice, push)).evidence == pytest.approx(4 / 6 / mean)
+    assert replace(model, actions=(twice, push)).evidence == pytest.approx(
+        4 / model.features.n_features / mean
+    )
 
 
 def test_the_same_seed_gives_the_same_model() -> None:
@@ -288,7 +311,7 @@ def test_progress_is_told_and_may_end_the_training() -> None:
 
 def test_the_default_floor_does_not_hide_a_precise_hand() -> None:
     precise: Floats = fit_model(few(0, 10, ["push"]), SPECIFICATION, TrainingOptions()).actions[0].variances
-    assert np.sqrt(precise[:, 3]).min() == pytest.approx(TrainingOptions().deviation_floor)
+    assert np.sqrt(precise[:, 2]).min() == pytest.approx(TrainingOptions().deviation_floor)
     assert np.sqrt(precise[:, 0]).max() > 2 * TrainingOptions().deviation_floor
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from app.motion.model import ActionModel, Background, FeatureSpecification, Model
+from app.motion.model import ActionModel, Background, Familiarity, FeatureSpecification, Model, Rest
 from app.motion.trajectory import Demonstration, Floats, Scene, Trajectory
 from app.registry.artifacts import (
     AXES,
@@ -54,7 +54,10 @@ def models(draw: st.DrawFn) -> Model:
 
     classes = draw(st.lists(names, min_size=1, max_size=3, unique=True))
     background = Background(draw(numbers((width,), 1e-9, 1e9)))
-    return Model(features, tuple(action(name) for name in classes), background)
+    typical, least = (draw(numbers((len(classes),), -1e300, 1e300)) for _ in range(2))
+    rest = Rest(draw(st.floats(-1e300, 1e300)), draw(st.floats(1e-9, 1e9)))
+    actions = tuple(action(name) for name in classes)
+    return Model(features, actions, background, Familiarity(typical, least), rest)
 
 
 @st.composite
@@ -125,7 +128,8 @@ def a_model() -> dict[str, Any]:
     sizes = {"states": 2, "features": features.n_features, "demonstrations": 3}
     tables = {name: np.full([sizes[axis] for axis in axes], 0.5) for name, axes in AXES.items()}
     action = ActionModel(action="reach", **tables, repetition=2.0)
-    model = Model(features, (action,), Background(np.ones(features.n_features)))
+    background, familiarity = Background(np.ones(features.n_features)), Familiarity(np.ones(1), np.zeros(1))
+    model = Model(features, (action,), background, familiarity, Rest(-2.5, 0.3))
     found: dict[str, Any] = json.loads(dump_model(model))
     return found
 
@@ -148,7 +152,8 @@ def at(*path: str | int, to: Any = None) -> Callable[[dict[str, Any]], None]:
     ("change", "field"),
     [
         (at("format", to="other"), "format"),
-        (at("format_version", to=2), "format_version"),
+        (at("format_version", to=1), "format_version"),
+        (at("format_version", to=3), "format_version"),
         (at("format_version", to=True), "format_version"),
         (at("background", to=object), "background"),
         (at("extra", to=1), "extra"),
@@ -179,6 +184,18 @@ def at(*path: str | int, to: Any = None) -> Callable[[dict[str, Any]], None]:
         (at("background", "width", 2, to=0), "background.width"),
         (at("background", "width", to=[1.0]), "background.width"),
         (at("background", "scale", to=[1.0]), "background.scale"),
+        (at("familiarity", to=object), "familiarity"),
+        (at("familiarity", "typical", to=object), "familiarity.typical"),
+        (at("familiarity", "typical", to=[1.0, 1.0]), "familiarity.typical"),
+        (at("familiarity", "least", to=[]), "familiarity.least"),
+        (at("familiarity", "least", 0, to=None), "familiarity.least[0]"),
+        (at("familiarity", "most", to=[1.0]), "familiarity.most"),
+        (at("rest", to=object), "rest"),
+        (at("rest", "pace", to=object), "rest.pace"),
+        (at("rest", "pace", to="slow"), "rest.pace"),
+        (at("rest", "spread", to=0.0), "rest"),
+        (at("rest", "spread", to=-1.0), "rest"),
+        (at("rest", "speed", to=1.0), "rest.speed"),
         (at("actions", 0, "lengths", to=[0.3]), "actions[0].lengths"),
         (at("actions", 0, "lengths", 1, to=0.0), "actions[0].lengths"),
         (at("actions", 0, "repetition", to=0.5), "actions[0].repetition"),
@@ -203,9 +220,22 @@ def test_two_classes_of_one_name_are_refused() -> None:
 
 def test_nothing_that_would_be_refused_is_written() -> None:
     model = load_model(json.dumps(a_model()).encode())
-    broken = Model(model.features, model.actions, Background(np.full(6, np.nan)))
-    with pytest.raises(ArtifactInvalid, match=r"background\.width"):
-        dump_model(broken)
+    for field, broken in (
+        ("background.width", {"background": Background(np.full(model.features.n_features, np.nan))}),
+        ("familiarity.typical", {"familiarity": Familiarity(np.array([np.inf]), np.zeros(1))}),
+        ("familiarity.least", {"familiarity": Familiarity(np.ones(1), np.array([np.nan]))}),
+        ("rest", {"rest": Rest(np.nan, 0.3)}),
+        ("rest", {"rest": Rest(-2.5, np.inf)}),
+    ):
+        with pytest.raises(ArtifactInvalid) as raised:
+            dump_model(replace(model, **broken))
+        assert raised.value.field == field
+
+
+def test_features_are_six_of_the_movement_and_two_of_each_role() -> None:
+    artifact = a_model()
+    assert np.shape(artifact["actions"][0]["means"]) == (2, 8)
+    assert len(artifact["background"]["width"]) == 8
 
 
 @pytest.mark.parametrize(
