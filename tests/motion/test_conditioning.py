@@ -1,0 +1,200 @@
+"""Conditioning: the same in any chunks, from what lies around alone, true to what moves steadily."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.motion.conditioning import (
+    HALF_MEAN,
+    HALF_MEDIAN,
+    HALF_SLOPE,
+    MEAN_SPREAD,
+    REACH,
+    SLOPE_SPREAD,
+    STILL,
+    Conditioned,
+    Conditioner,
+    Tracks,
+    condition,
+)
+from app.motion.resampling import Grid
+from app.motion.trajectory import Floats
+
+RATE = 50.0
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def walk(rng: np.random.Generator, n: int, n_tracks: int = 2, lost: float = 0.0) -> Floats:
+    """Return (n, n_tracks, 3) positions of walks that lose so large a share of their points [m]."""
+    positions = rng.normal(0.0, 0.02, (n, n_tracks, 3)).cumsum(axis=0)
+    positions[rng.random((n, n_tracks)) < lost] = np.nan
+    return positions
+
+
+def grid_of(positions: Floats) -> Grid:
+    """Return a grid whose points are known two frames after the frame that they are nearest to."""
+    frames = 2 * np.arange(len(positions))
+    return Grid(frames / (2.0 * RATE), positions, frames, frames + 2)
+
+
+def part_of(grid: Grid, start: int, stop: int) -> Grid:
+    times, positions, frames, released = grid
+    return Grid(times[start:stop], positions[start:stop], frames[start:stop], released[start:stop])
+
+
+def joined(parts: Sequence[Tracks]) -> Tracks:
+    hands, paces, objects, of_objects = zip(*parts, strict=True)
+    return Tracks(
+        np.concatenate(hands),
+        np.concatenate(paces),
+        np.concatenate(objects, axis=1),
+        np.concatenate(of_objects, axis=1),
+    )
+
+
+def streamed(grid: Grid, cuts: Sequence[int]) -> list[Conditioned]:
+    """Return what becomes of a grid that comes in parts."""
+    conditioner = Conditioner(RATE, grid.positions.shape[1])
+    edges = [0, *sorted(cuts), len(grid.times)]
+    ready = [conditioner.push(part_of(grid, start, stop)) for start, stop in pairwise(edges)]
+    return [*ready, conditioner.finish()]
+
+
+def same(one: Tracks, other: Tracks) -> None:
+    for mine, theirs in zip(one, other, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+
+
+def plainly(values: Floats) -> tuple[Floats, Floats]:
+    """Return the places and slopes per point of (n,) values, as their description says."""
+    at = np.arange(len(values))
+    near = [values[max(i - HALF_MEDIAN, 0) : i + HALF_MEDIAN + 1] for i in at]
+    medians = np.array([np.nan if np.isnan(values[i]) else np.nanmedian(near[i]) for i in at])
+    places, slopes = np.full(len(values), np.nan), np.full(len(values), np.nan)
+    for i in np.flatnonzero(~np.isnan(medians)):
+        seen = ~np.isnan(medians)
+        mean = seen & (np.abs(at - i) <= HALF_MEAN)
+        places[i] = np.average(medians[mean], weights=np.exp(-0.5 * ((at[mean] - i) / MEAN_SPREAD) ** 2))
+        line = seen & (np.abs(at - i) <= HALF_SLOPE)
+        weights = np.exp(-0.25 * ((at[line] - i) / SLOPE_SPREAD) ** 2)  # polyfit squares them
+        slopes[i] = np.polyfit(at[line] - i, medians[line], 1, w=weights)[0] if line.sum() > 1 else 0.0
+    return places, slopes
+
+
+@given(seeds, st.integers(0, 40), st.sampled_from([0.0, 0.3, 0.8]))
+def test_is_what_its_description_says(seed: int, n: int, lost: float) -> None:
+    positions = walk(np.random.default_rng(seed), n, lost=lost)
+    found = condition(positions, RATE)
+    for track in range(2):
+        columns = [plainly(positions[:, track, axis]) for axis in range(3)]
+        speed = RATE * np.sqrt(np.square([slopes for _, slopes in columns]).sum(axis=0))
+        hand = (found.hand, found.objects[0])[track]
+        np.testing.assert_allclose(hand, np.array([places for places, _ in columns]).T, atol=1e-12)
+        np.testing.assert_allclose((found.pace, found.paces[0])[track], np.log(speed + STILL), atol=1e-9)
+
+
+@given(seeds, st.integers(1, 60), st.lists(st.integers(0, 60), max_size=12))
+def test_chunks_do_not_matter_to_the_last_bit(seed: int, n: int, cuts: list[int]) -> None:
+    grid = grid_of(walk(np.random.default_rng(seed), n, lost=0.2))
+    parts = streamed(grid, [min(cut, n) for cut in cuts])
+    same(joined([each.tracks for each in parts]), condition(grid.positions, RATE))
+    np.testing.assert_array_equal(np.concatenate([each.times for each in parts]), grid.times)
+    np.testing.assert_array_equal(np.concatenate([each.frames for each in parts]), grid.frames)
+    released = np.concatenate([each.released for each in parts])
+    np.testing.assert_array_equal(released, grid.released[np.minimum(np.arange(n) + REACH, n - 1)])
+
+
+@given(seeds, st.integers(2, 60))
+def test_a_point_is_ready_when_it_says_so_and_not_before(seed: int, n: int) -> None:
+    grid, conditioner = grid_of(walk(np.random.default_rng(seed), n)), Conditioner(RATE, 2)
+    for at in range(n):
+        ready = conditioner.push(part_of(grid, at, at + 1))
+        np.testing.assert_array_equal(ready.frames, grid.frames[max(at - REACH, 0) : max(at - REACH + 1, 0)])
+        np.testing.assert_array_equal(ready.released, grid.released[at : at + len(ready.frames)])
+    assert len(conditioner.finish().frames) == min(REACH, n)
+    assert len(conditioner.finish().frames) == 0
+
+
+@given(seeds, st.integers(1, 40))
+def test_what_lies_ahead_is_what_an_end_here_would_give(seed: int, n: int) -> None:
+    grid, conditioner = grid_of(walk(np.random.default_rng(seed), n, lost=0.2)), Conditioner(RATE, 2)
+    ready = [conditioner.push(part_of(grid, at, at + 1)).tracks for at in range(n)]
+    ahead = conditioner.ahead()
+    same(joined([*ready, ahead]), condition(grid.positions, RATE))
+    same(conditioner.ahead(), ahead)
+    same(conditioner.finish().tracks, ahead)
+
+
+@given(seeds, st.integers(0, 39))
+def test_a_point_depends_on_those_within_reach_alone(seed: int, at: int) -> None:
+    rng = np.random.default_rng(seed)
+    here = walk(rng, 40, lost=0.2)
+    elsewhere = here + rng.normal(0.0, 5.0, here.shape)
+    near = np.abs(np.arange(40) - at) <= REACH
+    elsewhere[near] = here[near]
+    same(condition(elsewhere, RATE).part(at, at + 1), condition(here, RATE).part(at, at + 1))
+
+
+@given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.integers(2 * REACH + 1, 40))
+def test_steady_movement_is_kept(along: float, up: float, n: int) -> None:
+    velocity = np.array([along, -0.5 * along, up])
+    hand = np.array([0.3, 0.2, 0.1]) + np.arange(n)[:, None] / RATE * velocity
+    found, inner = condition(hand[:, None], RATE), slice(REACH, n - REACH)
+    np.testing.assert_allclose(found.hand[inner], hand[inner], atol=1e-12)
+    speed = float(np.linalg.norm(velocity))
+    np.testing.assert_allclose(found.pace[inner], np.log(speed + STILL), atol=1e-9)
+
+
+@given(seeds, st.integers(REACH, 24), st.integers(1, HALF_MEDIAN))
+def test_frames_thrown_off_vanish(seed: int, at: int, n_off: int) -> None:
+    still = np.full((30, 1, 3), 0.2)
+    thrown = still.copy()
+    thrown[at : at + n_off] += np.random.default_rng(seed).normal(0.0, 1.0, (n_off, 1, 3))
+    same(condition(thrown, RATE), condition(still, RATE))
+
+
+@given(seeds, st.floats(0.0, 1.0))
+def test_dropouts_stay_dropouts_and_nothing_else_becomes_one(seed: int, lost: float) -> None:
+    positions = walk(np.random.default_rng(seed), 40, lost=lost)
+    found, missing = condition(positions, RATE), np.isnan(positions[:, :, 0])
+    np.testing.assert_array_equal(np.isnan(found.hand), np.repeat(missing[:, :1], 3, axis=1))
+    np.testing.assert_array_equal(np.isnan(found.pace), missing[:, 0])
+    np.testing.assert_array_equal(np.isnan(found.objects[0, :, 0]), missing[:, 1])
+    np.testing.assert_array_equal(np.isnan(found.paces[0]), missing[:, 1])
+
+
+@given(seeds, st.permutations([0, 1, 2]), st.lists(st.sampled_from([-1.0, 1.0]), min_size=3, max_size=3))
+def test_axes_are_alike_and_places_do_not_matter(seed: int, order: list[int], signs: list[float]) -> None:
+    rng = np.random.default_rng(seed)
+    positions, shift = walk(rng, 30, lost=0.2), rng.normal(0.0, 1.0, 3)
+    found = condition(positions, RATE)
+    turned = condition(positions[:, :, order] * signs + shift, RATE)
+    np.testing.assert_allclose(turned.hand, found.hand[:, order] * signs + shift, atol=1e-12)
+    np.testing.assert_allclose(turned.objects, found.objects[:, :, order] * signs + shift, atol=1e-12)
+    np.testing.assert_allclose(turned.pace, found.pace, atol=1e-9)
+    np.testing.assert_allclose(turned.paces, found.paces, atol=1e-9)
+
+
+@given(seeds, st.floats(-np.pi, np.pi))
+def test_movement_along_a_line_turns_with_the_world(seed: int, angle: float) -> None:
+    """Each axis has a median of its own: elsewhere it does not turn exactly."""
+    c, s = np.cos(angle), np.sin(angle)
+    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    amplitude = np.random.default_rng(seed).normal(0.0, 0.2, 3)
+    hand = (amplitude * np.sin(np.linspace(0.0, np.pi, 50))[:, None])[:, None]
+    found, turned = condition(hand, RATE), condition(hand @ rotation.T, RATE)
+    np.testing.assert_allclose(turned.hand, found.hand @ rotation.T, atol=1e-12)
+    np.testing.assert_allclose(turned.pace, found.pace, atol=1e-9)
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0, 0), (0, 3), (7, 20), (30, 40), (40, 40)])
+def test_a_part_is_that_of_the_whole(start: int, stop: int) -> None:
+    positions = walk(np.random.default_rng(1), 40, lost=0.1)
+    same(condition(positions, RATE, start, stop), condition(positions, RATE).part(start, stop))
