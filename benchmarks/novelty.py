@@ -31,11 +31,11 @@ unknown."""
 
 @dataclass(frozen=True)
 class Result:
-    """How well a class stands out that was left out of training."""
+    """How well a class stands out that was left out of training, None where the tests do not show it."""
 
     source: str
     left_out: str
-    auroc: float
+    auroc: float | None
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,13 @@ def novelties(trained: Model, recordings: Sequence[Recording], left_out: str) ->
     return np.array(novelty), np.array(is_new)
 
 
-def auroc(novelty: Floats, is_new: Floats) -> float:
-    """Return the probability that a new one is more novel than a known one; (n,) each, inf allowed."""
+def auroc(novelty: Floats, is_new: Floats) -> float | None:
+    """Return the probability that a new one is more novel than a known one; (n,) each, inf allowed.
+
+    None where there are none of either.
+    """
+    if len(np.unique(is_new)) < 2:
+        return None
     ranks = np.unique(novelty, return_inverse=True)[1]
     return float(roc_auc_score(is_new, ranks))
 
@@ -93,12 +98,13 @@ def section(pool: Executor, sources: Sequence[Source], n_sequences: int) -> tupl
         for left_out in names
     ]
     losing = [pool.submit(losses, source, n_sequences) for source in sources]
-    results, lost = [job.result() for job in jobs], [job.result() for job in losing]
+    results = [result for job in jobs if (result := job.result()).auroc is not None]
+    lost = [job.result() for job in losing]
     rows, goals = [], []
     for title in dict.fromkeys(source.title for source in sources):
         of_source = [each for each in results if each.source == title]
         names = list(dict.fromkeys(each.left_out for each in of_source))
-        values = [mean(each.auroc for each in of_source if each.left_out == name) for name in names]
+        values = [mean(each.auroc or 0.0 for each in of_source if each.left_out == name) for name in names]
         rows += [[title, name, told(value), ""] for name, value in zip(names, values, strict=True)]
         known = sum(each.n_known for each in lost if each.source == title)
         share = sum(each.n_lost for each in lost if each.source == title) / known

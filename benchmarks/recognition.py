@@ -122,8 +122,8 @@ def through_server(n_sequences: int) -> Part:
     return f"## Through a server\n\n{SERVED}\n\n{page.table(names, [row], n_words=0)}", [goal]
 
 
+SERVER = "server"
 SECTIONS: dict[str, Callable[[Executor, Scale], Part]] = {
-    "server": lambda _, scale: through_server(scale.n_sequences),
     "unknown": lambda pool, scale: novelty.section(
         pool, [*scale.simulators, *scale.folds(people=[False])], scale.n_sequences
     ),
@@ -148,15 +148,16 @@ def main() -> None:
     options.add_argument("--output", type=Path, help="page to write; images go beside it")
     given = options.parse_args()
     folders = [folder.resolve() for folder in given.data or known_folders()]
-    names = [*COLUMNS, *(folder.name for folder in folders), *SECTIONS]
+    names = [*COLUMNS, *(folder.name for folder in folders), SERVER, *SECTIONS]
     wanted = given.only or names
     if unknown := sorted(set(wanted) - set(names)):
         options.error(f"--only {', '.join(unknown)}: there are {', '.join(names)}")
     chosen = [folder for folder in folders if folder.name in wanted]
     columns = [name for name in COLUMNS if name in wanted]
     scale = Scale(given.seeds, given.sequences, folders, chosen, columns, given.output)
+    served = [through_server(given.sequences)] if SERVER in wanted else []
     with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
-        parts = [comparison(pool, scale)] if columns or chosen else []
+        parts = [comparison(pool, scale), *served] if columns or chosen else served
         for name in (name for name in SECTIONS if name in wanted):
             begin = time.monotonic()
             parts.append(SECTIONS[name](pool, scale))
