@@ -39,7 +39,7 @@ STILL = 0.05
 """A slower hand stands still [m/s]."""
 
 RARE = 0.01
-"""Least probability of a symbol in a state."""
+"""Least probability of a symbol in a state; it and N_STATES are chosen in favour of this method."""
 
 Symbols = NDArray[np.int64]
 

@@ -23,7 +23,7 @@ N_STATES = 8
 """Of each class."""
 
 N_ITERATIONS = {"positions": 3, "velocities": 30}
-"""Of Baum-Welch; chosen in favour of this method: positions are soon learned by heart."""
+"""Of Baum-Welch; they, N_STATES and FLOORS are chosen in favour of this method, by what it then finds."""
 
 MIN_POINTS = 1.1
 """Training starts with no fewer points spent in a state: one that is never stayed in never will be."""
