@@ -1,10 +1,9 @@
-"""The recogniser as a stream: chunks, rates, gaps, refusals, memory, and the laws of its criterion."""
+"""The recogniser as a stream: chunks, rates, gaps, refusals, memory, places."""
 
 from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,16 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.motion.criterion import PACE, Criterion
 from app.motion.errors import InvalidTrajectory, MotionError, RoleMissing
-from app.motion.model import FeatureSpecification, Model
+from app.motion.model import Model
 from app.motion.recogniser import Event, Method, Recogniser, SegmentEvent, recognise
-from app.motion.rest import LEFT, LEFT_AT, NEARER, movement, rests
-from app.motion.scoring import score_segments, states_of
-from app.motion.simulation import Conditions, demonstrations, recording
-from app.motion.training import PHASE_FLOOR, TrainingOptions, fit_model
+from app.motion.simulation import Conditions, recording
 from app.motion.trajectory import Floats, Recording, Scene, Trajectory
 from app.motion.window import Gap
+
+METHODS: tuple[Method, ...] = ("viterbi", "steps", "greedy")
 
 LAW = settings(derandomize=True, deadline=None, max_examples=15)
 
@@ -41,11 +38,11 @@ def segments_of(events: Sequence[Event]) -> list[SegmentEvent]:
     return [event for event in events if isinstance(event, SegmentEvent)]
 
 
-def actions_of(events: Sequence[Event]) -> list[str]:
+def actions_of(events: Sequence[Event]) -> list[str | None]:
     return [event.action for event in segments_of(events)]
 
 
-def spans(events: Sequence[Event]) -> list[tuple[str, int, int]]:
+def spans(events: Sequence[Event]) -> list[tuple[str | None, int, int]]:
     return [(event.action, event.start, event.end) for event in segments_of(events)]
 
 
@@ -73,6 +70,16 @@ def moved(motion: Trajectory, rotation: Floats, shift: Sequence[float]) -> Traje
     return Trajectory(motion.times, motion.hand @ rotation.T + shift, objects)
 
 
+def still_after(motion: Trajectory, seconds: float) -> Trajectory:
+    """Return a motion at 100 Hz, and all that is there standing still behind it for a while [s]."""
+    n = round(seconds * 100)
+    tracks = {
+        name: np.vstack([track, np.repeat(track[-1:], n, axis=0)]) for name, track in motion.objects.items()
+    }
+    hand = np.vstack([motion.hand, np.repeat(motion.hand[-1:], n, axis=0)])
+    return Trajectory(np.arange(len(hand)) / 100, hand, tracks)
+
+
 def joined(first: Trajectory, second: Trajectory, pause: float) -> Trajectory:
     """Return two motions one after the other, the second ``pause`` seconds after the first [s]."""
     return Trajectory(
@@ -82,7 +89,7 @@ def joined(first: Trajectory, second: Trajectory, pause: float) -> Trajectory:
     )
 
 
-@pytest.mark.parametrize(("method", "off"), [("steps", 15), ("greedy", 30)])
+@pytest.mark.parametrize(("method", "off"), [("viterbi", 15), ("steps", 15), ("greedy", 30)])
 def test_finds_the_actions(trained: Model, method: Method, off: int) -> None:
     events = recognise(trained, SHOWN.trajectory, method=method)
     assert actions_of(events) == truth(SHOWN)
@@ -92,8 +99,10 @@ def test_finds_the_actions(trained: Model, method: Method, off: int) -> None:
         assert event.t_start == pytest.approx(event.start / 100, abs=0.01)
         assert event.t_end == pytest.approx(event.end / 100, abs=0.01)
         best, second, *_ = sorted(event.log_likelihoods.values(), reverse=True)
+        assert event.action is not None
         assert event.log_likelihoods[event.action] == best > 0.0
         assert event.margin == best - second
+        assert event.objects == {"object": "object"}
 
 
 @LAW
@@ -102,7 +111,7 @@ def test_chunks_do_not_matter_to_the_last_bit(trained: Model, sizes: list[int], 
     assert chunked(Recogniser(trained), shown.trajectory, sizes) == recognise(trained, shown.trajectory)
 
 
-@pytest.mark.parametrize("method", ["steps", "greedy"])
+@pytest.mark.parametrize("method", METHODS)
 def test_single_frames_give_what_the_whole_gives(trained: Model, method: Method) -> None:
     one_by_one = chunked(Recogniser(trained, method=method), HARD.trajectory, [1])
     assert one_by_one == recognise(trained, HARD.trajectory, method=method)
@@ -222,17 +231,40 @@ def test_a_hand_at_rest_does_nothing(trained: Model) -> None:
     assert recognise(trained, Trajectory(np.arange(3000) / 100.0, hand, objects)) == []
 
 
-def test_memory_does_not_grow_with_the_stream(trained: Model) -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_memory_does_not_grow_with_the_stream(trained: Model, method: Method) -> None:
     shown = recording(31, 60).trajectory
-    recogniser, sizes = Recogniser(trained), list[int]()
+    recogniser, sizes = Recogniser(trained, method=method), list[int]()
     tracemalloc.start()
     for at in range(0, len(shown) - 50, 50):
         recogniser.push(shown.part(at, at + 50))
+        recogniser.hypothesis()
         if at % 1000 == 950:
             sizes.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     assert len(sizes) >= 3
     assert sizes[-1] < sizes[0] + 2**18
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_long_stream_is_recognised_like_its_beginning(trained: Model, method: Method) -> None:
+    """The same actions over and over: each time they are found, and as soon as the first time."""
+    shown = recording(14, 3, Conditions(rest=(0.5, 0.5)))
+    lap, recogniser = still_after(shown.trajectory, 2.0), Recogniser(trained, method=method)
+    found, delays = list[SegmentEvent](), list[int]()
+    for first in range(0, 20 * len(lap), len(lap)):
+        again = Trajectory(lap.times + first / 100, lap.hand, lap.objects)
+        for at in range(0, len(lap), 10):
+            events = segments_of(recogniser.push(again.part(at, min(at + 10, len(lap)))))
+            found += events
+            delays += [first + at + 10 - each.end for each in events]
+    found += segments_of(recogniser.finish())
+    n = len(shown.segments)
+    assert actions_of(found) == 20 * truth(shown)
+    for one, other in zip(found, found[n:], strict=False):
+        assert other.start - len(lap) == pytest.approx(one.start, abs=15)
+        assert other.end - len(lap) == pytest.approx(one.end, abs=15)
+    assert max(delays[-n:]) <= max(delays[:n]) + 20
 
 
 @LAW
@@ -249,131 +281,3 @@ def test_where_the_table_stands_does_not_matter(
 def test_the_height_of_the_table_is_that_of_the_scene(trained: Model) -> None:
     lifted = moved(SHOWN.trajectory, np.eye(3), (0.0, 0.0, 0.7))
     assert spans(recognise(trained, lifted, Scene(0.7))) == spans(recognise(trained, SHOWN.trajectory))
-
-
-@pytest.mark.parametrize("unit", [10.0, 39.37])
-def test_the_unit_of_length_does_not_matter(trained: Model, unit: float) -> None:
-    units = np.append(np.full(trained.features.n_features - 1, unit), 1.0)
-    actions = tuple(
-        replace(
-            action,
-            means=units * action.means,
-            variances=units**2 * action.variances,
-            lengths=unit * action.lengths,
-        )
-        for action in trained.actions
-    )
-    width = units * trained.background.width
-    model = replace(trained, actions=actions, background=replace(trained.background, width=width))
-    events = recognise(model, moved(SHOWN.trajectory, unit * np.eye(3), (0.0, 0.0, 0.0)))
-    wanted = recognise(trained, SHOWN.trajectory)
-    assert spans(events) == spans(wanted)
-    for event, same in zip(segments_of(events), segments_of(wanted), strict=True):
-        assert event.log_likelihoods == pytest.approx(same.log_likelihoods, rel=1e-6)
-
-
-@pytest.fixture(scope="module")
-def in_decimetres() -> tuple[Model, Model]:
-    """Models trained on the same demonstrations, in metres and as if a decimetre were one."""
-    shown, floor = demonstrations(1)[::4], 0.0075
-    specification = FeatureSpecification(("object",))
-    bigger = [replace(d, trajectory=moved(d.trajectory, 10.0 * np.eye(3), (0.0, 0.0, 0.0))) for d in shown]
-    metres, decimetres = (
-        fit_model(of, specification, TrainingOptions(n_states=4, deviation_floor=unit * floor))
-        for of, unit in ((shown, 1.0), (bigger, 10.0))
-    )
-    return metres, decimetres
-
-
-def test_training_and_recognition_know_no_unit(in_decimetres: tuple[Model, Model]) -> None:
-    metres, decimetres = in_decimetres
-    bigger = moved(SHOWN.trajectory, 10.0 * np.eye(3), (0.0, 0.0, 0.0))
-    assert spans(recognise(decimetres, bigger)) == spans(recognise(metres, SHOWN.trajectory))
-    assert decimetres.evidence == pytest.approx(metres.evidence)
-    assert np.sqrt(decimetres.actions[0].variances[:, -1]).min() >= PHASE_FLOOR
-
-
-def test_hypotheses_are_shares_of_one(trained: Model) -> None:
-    recogniser, told = Recogniser(trained), 0
-    for at in range(0, len(SHOWN.trajectory) - 5, 5):
-        recogniser.push(SHOWN.trajectory.part(at, at + 5))
-        if (found := recogniser.hypothesis()) is not None:
-            told += 1
-            assert found.posteriors.keys() == {*trained.names, None}
-            assert sum(found.posteriors.values()) == pytest.approx(1.0)
-            assert all(0.0 <= value <= 1.0 for value in found.posteriors.values())
-            assert all(0.0 <= value <= 1.0 for value in found.progress.values())
-            assert 0 <= found.start <= found.through == at + 4
-    assert told > 20
-
-
-def test_a_hypothesis_comes_to_know_the_action(trained: Model) -> None:
-    first = SHOWN.segments[0]
-    recogniser = Recogniser(trained)
-    recogniser.push(SHOWN.trajectory.part(0, first.end + 1))
-    found = recogniser.hypothesis()
-    assert found is not None
-    assert max(found.posteriors, key=lambda action: found.posteriors[action]) == first.action
-    assert found.posteriors[first.action] > 0.9
-
-
-def minimum_jerk(seconds: float, before: float, after: float, noise: float = 0.0) -> Floats:
-    """Return a movement of 0.3 m at 100 Hz with rest before and after [s]."""
-    time = np.linspace(0.0, 1.0, round(seconds * 100) + 1)
-    fraction = np.concatenate(
-        [
-            np.zeros(round(before * 100)),
-            10 * time**3 - 15 * time**4 + 6 * time**5,
-            np.ones(round(after * 100)),
-        ]
-    )
-    trembling = np.random.default_rng(7).normal(0.0, noise, (len(fraction), 3))
-    hand: Floats = np.array([0.3, 0.0, 0.0]) * fraction[:, None] + trembling
-    return hand
-
-
-def test_the_share_of_the_way_and_that_of_the_time_belong_together() -> None:
-    assert pytest.approx(LEFT, abs=1e-4) == 10 * LEFT_AT**3 - 15 * LEFT_AT**4 + 6 * LEFT_AT**5
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.0005, 0.002])
-@pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (0.5, 0.0), (0.0, 2.0), (1.0, 0.3)])
-def test_a_movement_is_found_without_the_rest_beside_it(before: float, after: float, noise: float) -> None:
-    first, last = movement(minimum_jerk(0.8, before, after, noise))
-    assert first == pytest.approx(100 * before, abs=5)
-    assert last == pytest.approx(100 * before + 80, abs=5)
-
-
-def test_a_movement_does_not_end_in_a_dropout() -> None:
-    hand = minimum_jerk(0.8, 1.0, 1.0)
-    hand[97:105] = hand[175:183] = np.nan
-    first, last = movement(hand)
-    assert not np.isnan(hand[[first, last]]).any()
-    assert (first, last) == pytest.approx((97, 182), abs=2)
-
-
-@pytest.mark.parametrize("hand", [np.zeros((5, 3)), np.eye(3)[:2], np.zeros((2, 3))])
-def test_what_hardly_moves_is_whole(hand: Floats) -> None:
-    assert movement(hand) == (0, len(hand) - 1)
-
-
-def test_an_action_goes_some_way(trained: Model) -> None:
-    action = trained.action("grasp")
-    least = float(action.lengths.min()) / NEARER
-    assert rests(np.array([[0.0, 0.0, 0.0], [0.9 * least, 0.0, 0.0]]), action)
-    assert not rests(np.array([[0.0, 0.0, 0.0], [1.1 * least, 0.0, 0.0]]), action)
-
-
-def test_the_criterion_weighs_ratios_and_durations(trained: Model) -> None:
-    hand = np.ascontiguousarray(SHOWN.trajectory.hand)
-    objects = SHOWN.trajectory.objects["object"][None]
-    segments = np.array([[0, 30], [0, 60], [10, 60], [40, 100]])
-    criterion = Criterion(trained, 0.0)
-    ratios = score_segments(hand, objects, 0.0, segments, states_of(trained))
-    np.testing.assert_allclose(criterion.odds(hand, objects, segments), trained.evidence * ratios)
-    seconds = (segments[:, 1] - segments[:, 0]) / trained.features.rate
-    penalty = criterion.odds(hand, objects, segments) - criterion(hand, objects, segments)
-    for action, of_class in zip(trained.actions, penalty.T, strict=True):
-        logs = np.log(action.durations)
-        off = (np.log(seconds) - logs.mean()) / max(logs.std(ddof=1), PACE)
-        np.testing.assert_allclose(of_class, 0.5 * off**2, atol=1e-9)

@@ -12,7 +12,6 @@ import pytest
 from hmmlearn.hmm import GaussianHMM
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import t as student
 
 from app.motion.conditioning import Tracks
 from app.motion.features import BLEND, encode
@@ -30,6 +29,7 @@ from app.motion.model import (
 )
 from app.motion.scoring import Indices, score_segments, states_of
 from app.motion.trajectory import Floats
+from tests.motion.plain import background, log_densities, viterbi
 
 LAW = settings(derandomize=True, deadline=None, max_examples=50)
 
@@ -94,33 +94,6 @@ def ratios(model: Model, motion: Tracks, segments: Indices | Sequence[Sequence[i
 
 def whole(model: Model, motion: Tracks, segment: Sequence[int]) -> Floats:
     return features_of(motion, segment, named(model)[0].tolist())
-
-
-def log_densities(action: ActionModel, features: Floats) -> Floats:
-    """Return (n_frames, n_states) predictive log-densities of what is not missing.
-
-    A mean and a variance known from n values predict the next one by Student's t with n - 1 degrees of
-    freedom, around the mean and wider than the unbiased variance by the share 1 / n.
-    """
-    n = action.n_demonstrations
-    scale = np.sqrt(action.variances * n / (n - 1) * (1 + 1 / n))
-    result: Floats = np.nansum(student.logpdf(features[:, None], n - 1, action.means, scale), axis=2)
-    return result
-
-
-def background(model: Model, features: Floats) -> float:
-    """Return the log-density of what is not missing under the background."""
-    return float(-np.sum(~np.isnan(features) * np.log(model.background.width)))
-
-
-def viterbi(action: ActionModel, features: Floats) -> float:
-    """Return the log-likelihood of the best path that starts in the first state and leaves the last."""
-    stay, advance = np.log(action.stay), np.log(1.0 - action.stay)
-    path = np.full(action.n_states, -np.inf)
-    for index, density in enumerate(log_densities(action, features)):
-        moved = np.concatenate([[0.0 if index == 0 else -np.inf], path[:-1] + advance[:-1]])
-        path = np.maximum(path + stay, moved) + density
-    return float(path[-1] + advance[-1])
 
 
 class Chain(GaussianHMM):  # type: ignore[misc]
