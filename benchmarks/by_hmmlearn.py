@@ -7,8 +7,9 @@ from hmmlearn.hmm import GaussianHMM
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from app.motion.criterion import Criterion
-from app.motion.features import encode
+from app.motion.conditioning import Tracks
+from app.motion.criterion import Criterion, Scores
+from app.motion.features import N_DEVIATIONS, encode
 from app.motion.model import ActionModel, Model
 from app.motion.scoring import predictive
 from app.motion.trajectory import Floats
@@ -45,20 +46,35 @@ class Chain(GaussianHMM):  # type: ignore[misc]
 
 
 class PlainCriterion(Criterion):
-    """The criterion with one ``decode`` per segment and class."""
+    """The criterion with one ``decode`` per segment, filling and class; for motion without dropouts."""
 
-    def __init__(self, model: Model, table_height: float) -> None:
-        super().__init__(model, table_height)
+    def __init__(self, model: Model, table_height: float, fillings: Indices) -> None:
+        super().__init__(model, table_height, fillings)
         self._chains = [Chain(action) for action in model.actions]
         self._width = model.background.width
 
-    def odds(self, hand: Floats, objects: Floats, segments: Indices) -> Floats:
-        """Return the (n_segments, n_classes) tempered log-likelihood ratios to the background [nat]."""
-        ratios = [self._ratios(hand[a : b + 1], objects[:, a : b + 1]) for a, b in segments.tolist()]
-        return self._evidence * np.array(ratios)
+    def __call__(self, tracks: Tracks, segments: Indices) -> Scores:
+        """Return the scores of segments."""
+        parts = [tracks.part(start, goal + 1) for start, goal in segments.tolist()]
+        of_fillings = np.array([[self._ratios(part, of) for of in self._fillings.tolist()] for part in parts])
+        ratios, n_frames = of_fillings.max(axis=1), np.diff(segments, axis=1)
+        mean, deviation = self._tempo.T
+        criterion = self._evidence * ratios - 0.5 * ((np.log(n_frames / self._rate) - mean) / deviation) ** 2
+        ways = np.array([[np.linalg.norm(part.hand[-1] - part.hand[0])] for part in parts])
+        near = ways < self._nearest
+        return Scores(np.where(near, -np.inf, criterion), ratios / (n_frames + 1), of_fillings.argmax(axis=1))
 
-    def _ratios(self, hand: Floats, objects: Floats) -> list[float]:
-        positions = encode(hand, objects, self._table_height)
-        features = np.column_stack([positions, np.linspace(0.0, 1.0, len(hand))])
+    def _ratios(self, part: Tracks, filling: list[int]) -> list[float]:
+        """Return the (n_classes,) log-likelihood ratios to the background of a whole movement [nat]."""
+        positions = encode(part.hand, part.objects[filling], self._table_height)
+        phase = np.linspace(0.0, 1.0, len(positions))
+        of_roles = zip(positions.T[N_DEVIATIONS + 1 :], part.paces[filling], strict=True)
+        columns = [
+            positions[:, : N_DEVIATIONS + 1],
+            part.pace,
+            phase,
+            *(each for of in of_roles for each in of),
+        ]
+        features = np.column_stack(columns)
         background = -len(features) * float(np.log(self._width).sum())
         return [chain.decode(features)[0] + chain.leaving - background for chain in self._chains]

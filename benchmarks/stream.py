@@ -8,10 +8,9 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +18,15 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from app.client import Stream
+from app.motion.conditioning import Tracks, condition
 from app.motion.criterion import Criterion
+from app.motion.decoding import Decoder, limits_of
+from app.motion.foresight import Foresight, Outlook
 from app.motion.model import Model
 from app.motion.recogniser import Recogniser
 from app.motion.resampling import resample, stack
-from app.motion.search import Found, Search, bounds_of
+from app.motion.roles import fillings
+from app.motion.search import Found
 from app.motion.simulation import RATE, Conditions, demonstrations, recording
 from app.motion.trajectory import Floats, Trajectory
 from app.motion.warming import warm
@@ -49,14 +52,16 @@ A model of four action classes, one object, trained by the server on the simulat
 paper's protocol; frames come at {rate:g} Hz."""
 
 COST = """\
-`Recogniser.push` of one frame at a time, Steps 1-3, one thread. *Wall* is what the clock on the wall says,
-*CPU* what the thread itself has used of its core, which other processes of the machine do not lengthen."""
+`Recogniser.push` of one frame at a time with the default method, one thread; *hypotheses* is the cost of
+asking for one, `Recogniser.hypothesis`, after each frame of the motion above. *Wall* is what the clock on the
+wall says, *CPU* what the thread itself has used of its core, which other processes of the machine do not
+lengthen."""
 
 RATIO = """\
-The same search, frame by frame, over the same {frames} frames at the internal rate, with the compiled
-criterion and with one `decode` of hmmlearn per segment and class. Both find the same segments; the criterion
-differs by at most {off:.1g} nat. {n} pairs of runs, in turn,
-by the time that the process has used of its core."""
+The same decoder, frame by frame, over the same {frames} frames at the internal rate, with the compiled
+criterion and with one `decode` of hmmlearn per segment and class; the outlook of movements under way is the
+compiled one in both. Both find the same segments; their criterion differs by at most {off:.1g} nat. {n} pairs
+of runs, in turn, by the time that the process has used of its core."""
 
 TRIP = """\
 {seconds:.0f} s streamed in real time over WebSocket, each frame in a message of its own. *Accepted*: from
@@ -87,6 +92,18 @@ def push_costs(model: Model, motion: Trajectory) -> tuple[Floats, Floats]:
     return wall / 1e6, own / 1e6
 
 
+def hypothesis_costs(model: Model, motion: Trajectory) -> tuple[Floats, Floats]:
+    """Return (n_frames,) costs of asking for a hypothesis after each frame [ms], likewise."""
+    recogniser = Recogniser(model)
+    wall, own = np.empty(len(motion)), np.empty(len(motion))
+    for at in range(len(motion)):
+        recogniser.push(motion.part(at, at + 1))
+        begin, begin_own = time.perf_counter_ns(), time.thread_time_ns()
+        recogniser.hypothesis()
+        own[at], wall[at] = time.thread_time_ns() - begin_own, time.perf_counter_ns() - begin
+    return wall / 1e6, own / 1e6
+
+
 def motions() -> Iterator[tuple[str, Trajectory]]:
     """Yield what is pushed: actions in a row, actions with pauses, standing still, moving about aimlessly."""
     yield "actions", recording(SEED, LONG_ACTIONS).trajectory
@@ -111,58 +128,88 @@ def cost_section(model: Model) -> tuple[str, list[page.Goal]]:
     warm()
     for name, motion in motions():
         costs = push_costs(model, motion)
-        rows.append([name, f"{len(motion)}", *(f"{value:.3f}" for cost in costs for value in _told(cost))])
+        asked_for = hypothesis_costs(model, motion)
+        for told, pair in ((name, costs), ("hypotheses", asked_for)):
+            figures = (f"{value:.3f}" for cost in pair for value in _told(cost))
+            rows.append([told, f"{len(motion)}", *figures])
         page.tell(f"{name}: {len(motion)} frames")
         worst = float(np.percentile(costs[1], 99))
         asked = f"{name}: p99 of a frame ≤ {MOST_MS:g} ms of one core"
         goals.append(page.Goal(asked, f"{worst:.3f} ms", worst <= MOST_MS))
-    figures = [f"{clock} {name}" for clock in ("wall", "CPU") for name in ("median", "p99", "max")]
-    return f"## Cost of a frame [ms]\n\n{COST}\n\n{page.table(['motion', 'frames', *figures], rows)}", goals
+    names = [f"{clock} {name}" for clock in ("wall", "CPU") for name in ("median", "p99", "max")]
+    return f"## Cost of a frame [ms]\n\n{COST}\n\n{page.table(['motion', 'frames', *names], rows)}", goals
 
 
 def _told(cost: Floats) -> list[float]:
     return [float(value) for value in (np.median(cost), np.percentile(cost, 99), cost.max())]
 
 
+@dataclass(frozen=True)
+class Whole:
+    """What divisions of a whole motion consist of; its hand is always seen."""
+
+    criteria: Criterion
+    foresight: Foresight
+    tracks: Tracks
+
+    @property
+    def typical(self) -> float:
+        """What a frame of a typical action counts [nat]."""
+        return self.criteria.typical
+
+    def seen(self, point: int) -> bool:
+        """Return whether the hand was seen at a point."""
+        return not np.isnan(self.tracks.pace[point])
+
+    def criterion(self, segments: Indices) -> Floats:
+        """Return the (n, n_classes) values of (n, 2) segments [nat]."""
+        return self.criteria(self.tracks, segments).criterion
+
+    def rest(self, start: int, stop: int) -> float:
+        """Return the value of points ``start..stop-1`` at rest [nat]."""
+        return float(self.criteria.rest(self.tracks.pace[start:stop]).sum())
+
+    def outlook(self, origin: int, through: int) -> Outlook:
+        """Return what a movement under way since ``origin`` may become."""
+        return self.foresight(self.tracks, origin, through)
+
+
 def ratio_section(model: Model) -> str:
     """Return the section on the same search with hmmlearn."""
-    grid = resample(recording(SEED, SHORT_ACTIONS).trajectory, model.features.rate)
-    tracks = stack(grid, model.features.objects)
-    hand = np.ascontiguousarray(tracks[:, 0])
-    objects = np.ascontiguousarray(tracks[:, 1:].swapaxes(0, 1))
-    compiled, plain = (partial(kind(model, 0.0), hand, objects) for kind in (Criterion, PlainCriterion))
-    ours, theirs = search(model, compiled, len(grid)), search(model, plain, len(grid))
-    if [each[:2] for each in ours] != [each[:2] for each in theirs]:
-        raise RuntimeError(f"the two searches do not agree: {ours} and {theirs}")
-    off = max(float(np.abs(a.ratios - b.ratios).max()) for a, b in zip(ours, theirs, strict=True))
-    seconds = np.empty((REPETITIONS, 2))
+    roles, rate = model.features.objects, model.features.rate
+    tracks = condition(stack(resample(recording(SEED, SHORT_ACTIONS).trajectory, rate), roles), rate)
+    filling = fillings(roles, roles)
+    kinds = [
+        Whole(kind(model, 0.0, filling), Foresight(model, 0.0, filling), tracks)
+        for kind in (Criterion, PlainCriterion)
+    ]
+    seconds, off = np.empty((REPETITIONS, len(kinds))), 0.0
     for run in seconds:
-        run[:] = [_seconds(model, ratios, len(grid)) for ratios in (compiled, plain)]
+        (run[0], ours), (run[1], theirs) = (timed(model, parts) for parts in kinds)
+        if ours != theirs:
+            raise RuntimeError(f"the two searches do not agree: {ours} and {theirs}")
+        found = np.array([(each.start, each.end) for each in ours])
+        one, other = (parts.criterion(found) for parts in kinds)
+        off = max(off, float(np.abs(one - other)[np.isfinite(one)].max()))
         page.tell(f"compiled {run[0]:.4f} s, hmmlearn {run[1]:.2f} s")
-    factor = seconds[:, 1] / seconds[:, 0]
+    factor, n_frames = seconds[:, 1] / seconds[:, 0], len(tracks.pace)
     rows = [
         [name, *(f"{value:.{digits}f}" for value in (np.median(values), values.min(), values.max()))]
         for name, values, digits in (
-            ("compiled [ms a frame]", seconds[:, 0] / len(grid) * 1e3, 3),
-            ("hmmlearn [ms a frame]", seconds[:, 1] / len(grid) * 1e3, 1),
+            ("compiled [ms a frame]", seconds[:, 0] / n_frames * 1e3, 3),
+            ("hmmlearn [ms a frame]", seconds[:, 1] / n_frames * 1e3, 1),
             ("**hmmlearn / compiled**", factor, 0),
         )
     ]
-    text = RATIO.format(frames=len(grid), off=off, n=REPETITIONS)
+    text = RATIO.format(frames=n_frames, off=off, n=REPETITIONS)
     return f"## Against hmmlearn\n\n{text}\n\n{page.table(['', 'median', 'least', 'most'], rows)}"
 
 
-def search(model: Model, ratios: Callable[[Indices], Floats], n_frames: int) -> list[Found]:
-    """Return what the search finds in so many frames, given one by one."""
-    steps = Search(ratios, bounds_of(model))
-    return [found for _ in range(n_frames) for found in steps.frame()] + steps.finish()
-
-
-def _seconds(model: Model, ratios: Callable[[Indices], Floats], n_frames: int) -> float:
-    """Return the time of the processor that a search takes [s]."""
-    begin = time.process_time()
-    search(model, ratios, n_frames)
-    return time.process_time() - begin
+def timed(model: Model, parts: Whole) -> tuple[float, list[Found]]:
+    """Return the time of the processor that a search takes [s], and what it finds, frame by frame."""
+    begin, decoder = time.process_time(), Decoder(parts, limits_of(model))
+    found = [each for _ in parts.tracks.pace for each in decoder.frame()] + decoder.finish()
+    return time.process_time() - begin, found
 
 
 def trip_section(taught: Taught) -> str:
