@@ -22,7 +22,7 @@ SPECIFICATION = FeatureSpecification(("object",))
 ACTIONS = ("grasp", "displace", "push", "retract")
 
 
-def measured(model: Model, recordings: Iterable[Recording], method: Method = "steps") -> Evaluation:
+def measured(model: Model, recordings: Iterable[Recording], method: Method = "viterbi") -> Evaluation:
     """Return the measures of what a model finds in recordings."""
     found = []
     for shown in recordings:
@@ -45,22 +45,30 @@ def taught() -> Model:
 
 
 def test_the_papers_protocol(taught: Model) -> None:
-    steps, greedy = (measured(taught, simulated(107), method) for method in ("steps", "greedy"))
+    found = measured(taught, simulated(107))
+    assert found.delineated is not None
+    assert found.delineated >= 0.98
+    assert found.classified_of_delineated == 1.0
+
+
+def test_the_papers_own_steps_are_better_than_greed(taught: Model) -> None:
+    methods: tuple[Method, ...] = ("steps", "greedy")
+    steps, greedy = (measured(taught, simulated(30), method) for method in methods)
     assert steps.delineated is not None
-    assert steps.delineated >= 0.98
-    assert steps.classified_of_delineated == 1.0
-    assert greedy.delineated is not None
-    assert greedy.delineated <= steps.delineated - 0.03
+    assert steps.delineated >= 0.95
+    assert steps.f1_75 is not None
+    assert greedy.f1_75 is not None
+    assert greedy.f1_75 < steps.f1_75
 
 
 @pytest.mark.parametrize(
     ("conditions", "least"),
     [
-        (Conditions(outlier_share=0.01), 0.95),
-        (Conditions(gap_share=0.5), 0.95),
-        (Conditions(noise=0.003), 0.95),
-        (Conditions(rest=(0.5, 2.0)), 0.95),
-        (Conditions(sweep=3.0), 0.85),
+        (Conditions(outlier_share=0.01), 0.98),
+        (Conditions(gap_share=0.5), 0.98),
+        (Conditions(noise=0.003), 0.98),
+        (Conditions(rest=(0.5, 2.0)), 0.98),
+        (Conditions(sweep=3.0), 0.95),
     ],
     ids=["outliers", "gaps", "noise", "rest", "sweeping"],
 )
@@ -69,7 +77,7 @@ def test_what_makes_motion_harder(taught: Model, conditions: Conditions, least: 
     assert found.delineated is not None
     assert found.delineated >= least
     assert found.classified_of_delineated is not None
-    assert found.classified_of_delineated >= 0.95
+    assert found.classified_of_delineated >= 0.98
 
 
 def test_rest_belongs_to_no_segment(taught: Model) -> None:
@@ -125,12 +133,12 @@ def test_from_person_to_person() -> None:
         for person in ("subject1", "subject2")
     ]
     found = [measured(taught_by(people[who]), people[1 - who]) for who in (0, 1)]
-    assert np.mean([each.f1_50 for each in found]) >= 0.95
-    assert min(each.frame_accuracy or 0.0 for each in found) >= 0.9
+    assert np.mean([each.f1_50 for each in found]) >= 0.98
+    assert min(each.frame_accuracy or 0.0 for each in found) >= 0.96
 
 
 @pytest.mark.shared
 def test_a_simulated_robot() -> None:
     sequences = list(read(SHARED / "metaworld_scripted").values())
     found = [measured(taught_by(sequences[half::2]), sequences[1 - half :: 2]) for half in (0, 1)]
-    assert min(each.f1_50 or 0.0 for each in found) >= 0.95
+    assert min(each.f1_50 or 0.0 for each in found) >= 0.98
