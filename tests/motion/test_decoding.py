@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.motion import decoding
 from app.motion.criterion import PAUSE, START
 from app.motion.decoding import (
     CONVERGE_EVERY,
@@ -83,10 +86,8 @@ def drawn(seed: int, n: int, n_unseen: int = 0) -> Table:
     return Table(segments, rng.normal(0.6, 0.5, n), begun, hand)
 
 
-def undecided(table: Table) -> Table:
-    """Return the table with a movement under way since 0 so likely that nothing is decided before the end."""
-    table.begun[0], table.hand[0] = 1e6, True
-    return table
+undecided = partial(patch.object, decoding, "CONVERGE_EVERY", 10**9)
+"""While this lasts nothing is decided before the end."""
 
 
 def divisions(origin: int, last: int, limits: Limits) -> Iterator[list[tuple[int, int]]]:
@@ -141,12 +142,13 @@ narrow = st.builds(
 
 
 @LAW
-@given(seeds, st.integers(1, 9), st.integers(1, 3), st.integers(0, 4))
+@given(seeds, st.integers(1, 9), st.integers(1, 3), st.integers(0, 8), st.integers(0, 4))
 def test_what_is_left_in_the_end_is_the_best_of_all_divisions(
-    seed: int, n: int, shortest: int, n_unseen: int
+    seed: int, n: int, shortest: int, more: int, n_unseen: int
 ) -> None:
-    table, limits = undecided(drawn(seed, n, n_unseen)), Limits(RATE, shortest, 9, bound=10**3)
-    found = ends_of(run(Decoder(table, limits), n))
+    table, limits = drawn(seed, n, n_unseen), Limits(RATE, shortest, shortest + more, bound=10**3)
+    with undecided():
+        found = ends_of(run(Decoder(table, limits), n))
     assert found == best_of_all(table, n - 1, limits)[1]
 
 
@@ -154,10 +156,9 @@ def test_what_is_left_in_the_end_is_the_best_of_all_divisions(
 @given(seeds, st.integers(1, 9))
 def test_alternatives_go_on_from_the_best_division_before_them(seed: int, n: int) -> None:
     table, limits = drawn(seed, n), Limits(RATE, 2, 9, bound=10**3)
-    likely = table.begun.copy()
-    decoder = Decoder(undecided(table), limits)
-    assert [decoder.frame() for _ in range(n)] == [[]] * n
-    table.begun = likely
+    decoder = Decoder(table, limits)
+    with undecided():
+        assert [decoder.frame() for _ in range(n)] == [[]] * n
     found = decoder.alternatives(n - 1)
     assert [each.value for each in found] == sorted((each.value for each in found), reverse=True)
     for each in found:
