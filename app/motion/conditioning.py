@@ -1,9 +1,10 @@
 """What is observed of a track at the internal rate: where it is, and how fast.
 
 Each point of the grid is the Gaussian-weighted mean of the points around it, each of these the median of
-five: a thrown-off frame or two are gone, and what moves steadily stays as it is. Speed is the slope of the
-line through the points around. A point needs ``REACH`` points on either side, fewer where a stream begins or
-ends, and those that are missing are left out; a dropout stays one.
+five: a thrown-off frame or two are gone, and what moves steadily stays as it is. The median of vectors is
+the one nearest to all others, so that it turns with the world. Speed is the slope of the line through the
+points around, less what noise alone would make of it. A point needs ``REACH`` points on either side, fewer
+where a stream begins or ends, and those that are missing are left out; a dropout stays one.
 
 Speeds are observed as their logarithm, ``log(speed + STILL)``: people differ in pace by factors.
 """
@@ -22,13 +23,21 @@ from app.motion.trajectory import Floats
 STILL = 0.03
 """A hand slower than this is about as good as still [m/s]: below it are tremor and noise."""
 
-HALF_MEDIAN, HALF_MEAN, HALF_SLOPE = 2, 2, 3
+HALF_MEDIAN, HALF_MEAN, HALF_SLOPE = 2, 2, 4
 """Points on either side that a median, a mean and a slope look at."""
 
-MEAN_SPREAD, SLOPE_SPREAD = 1.0, 2.0
-"""Standard deviations of the weights of a mean and of a slope [points]: 20 and 40 ms at 50 Hz."""
+MEAN_SPREAD, SLOPE_SPREAD = 1.0, 2.5
+"""Standard deviations of the weights of a mean and of a slope [points]: 20 and 50 ms at 50 Hz."""
 
-REACH = HALF_MEDIAN + HALF_SLOPE
+HALF_NOISE = 6
+"""Points on either side by which noise is judged: its third differences."""
+
+_OFFS = np.arange(-HALF_SLOPE, HALF_SLOPE + 1.0)
+_WEIGHTS = np.exp(-0.5 * (_OFFS / SLOPE_SPREAD) ** 2)
+NOISE_LEFT = float(np.sum((_WEIGHTS * _OFFS) ** 2) / np.sum(_WEIGHTS * _OFFS**2) ** 2)
+"""Share of the mean square of noise that is left in the square of a slope; it is taken off."""
+
+REACH = max(HALF_MEDIAN + HALF_SLOPE, HALF_NOISE)
 """Points on either side that a point depends on."""
 
 
@@ -69,48 +78,74 @@ def _condition(positions: Floats, rate: float, start: int, stop: int) -> tuple[F
     medians = np.empty((end - begin, 3))
     for track in range(n_tracks):
         for at in range(begin, end):
-            for axis in range(3):
-                medians[at - begin, axis] = _median(positions, track, axis, at)
+            medians[at - begin] = positions[_median(positions, track, at), track]
         for at in range(start, stop):
             if not np.isnan(medians[at - begin, 0]):
-                square = 0.0
+                placed[track, at - start] = _mean(medians, at - begin)
+                square = -NOISE_LEFT * _noise(positions[:, track], at)
                 for axis in range(3):
-                    placed[track, at - start, axis] = _mean(medians, axis, at - begin)
-                    square += (rate * _slope(medians, axis, at - begin)) ** 2
-                paces[track, at - start] = np.log(np.sqrt(square) + STILL)
+                    square += _slope(medians, axis, at - begin) ** 2
+                paces[track, at - start] = np.log(rate * np.sqrt(max(square, 0.0)) + STILL)
     return placed, paces
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _median(positions: Floats, track: int, axis: int, at: int) -> float:
-    """Return the median of a coordinate around a point, NaN where the point itself is missing."""
-    if np.isnan(positions[at, track, axis]):
-        return np.nan
-    seen = np.empty(2 * HALF_MEDIAN + 1)
+def _paired(values: Floats, at: int, off: int) -> bool:
+    """Return whether the points so far before and after a point are both there."""
+    if at - off < 0 or at + off >= len(values):
+        return False
+    return not (np.isnan(values[at - off, 0]) or np.isnan(values[at + off, 0]))
+
+
+@njit(cache=True, nogil=True)
+def _median(positions: Floats, track: int, at: int) -> int:
+    """Return the point around ``at`` that is nearest to all others there: the median of vectors.
+
+    Points count in pairs around the middle, so that a steady movement stays as it is; of equals the
+    middle one.
+    """
+    values = positions[:, track]
+    best, least = at, np.inf
+    for step in range(2 * HALF_MEDIAN + 1):
+        candidate = at + ((step + 1) // 2) * (1 if step % 2 else -1)
+        if candidate == at or _paired(values, at, abs(candidate - at)):
+            total = 0.0
+            for off in range(-HALF_MEDIAN, HALF_MEDIAN + 1):
+                if off == 0 or _paired(values, at, abs(off)):
+                    total += np.sqrt(np.sum((values[candidate] - values[at + off]) ** 2))
+            if total < least:
+                best, least = candidate, total
+    return best
+
+
+@njit(cache=True, nogil=True)
+def _mean(values: Floats, at: int) -> Floats:
+    total, weights = values[at].copy(), 1.0
+    for off in range(1, HALF_MEAN + 1):
+        if _paired(values, at, off):
+            weight = np.exp(-0.5 * (off / MEAN_SPREAD) ** 2)
+            total += weight * (values[at - off] + values[at + off])
+            weights += 2.0 * weight
+    mean: Floats = total / weights
+    return mean
+
+
+@njit(cache=True, nogil=True)
+def _noise(values: Floats, at: int) -> float:
+    """Return the mean square of the noise of positions around a point, by their third differences [m^2].
+
+    A hand's movement hardly has any from point to point; those of noise have 20 times its square. The median
+    of them does not see thrown-off frames.
+    """
+    squares = np.empty(2 * HALF_NOISE)
     count = 0
-    for near in range(max(at - HALF_MEDIAN, 0), min(at + HALF_MEDIAN + 1, len(positions))):
-        value = positions[near, track, axis]
-        if not np.isnan(value):
-            place = count
-            while place > 0 and seen[place - 1] > value:
-                seen[place] = seen[place - 1]
-                place -= 1
-            seen[place] = value
+    for first in range(max(at - HALF_NOISE, 0), min(at + HALF_NOISE - 2, len(values) - 3)):
+        off = values[first + 3] - 3.0 * values[first + 2] + 3.0 * values[first + 1] - values[first]
+        square = np.sum(off**2)
+        if not np.isnan(square):
+            squares[count] = square
             count += 1
-    middle: float = 0.5 * (seen[(count - 1) // 2] + seen[count // 2])
-    return middle
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _mean(values: Floats, axis: int, at: int) -> float:
-    total, weights = 0.0, 0.0
-    for near in range(max(at - HALF_MEAN, 0), min(at + HALF_MEAN + 1, len(values))):
-        value = values[near, axis]
-        if not np.isnan(value):
-            weight = np.exp(-0.5 * ((near - at) / MEAN_SPREAD) ** 2)
-            total += weight * value
-            weights += weight
-    return total / weights
+    return float(np.median(squares[:count])) / 20.0 if count > 0 else 0.0
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -167,12 +202,15 @@ class Conditioner:
         """Return the points that are left; there are no more."""
         return self._take(len(self._grid.times))
 
-    def ahead(self) -> Tracks:
+    def ahead(self) -> Conditioned:
         """Return the points that are not ready, conditioned with what is known so far."""
-        return condition(self._grid.positions, self._rate, self._ready)
+        return self._part(self._ready, len(self._grid.times))
 
     def _take(self, stop: int) -> Conditioned:
         start, self._ready = self._ready, stop
+        return self._part(start, stop)
+
+    def _part(self, start: int, stop: int) -> Conditioned:
         known = np.minimum(np.arange(start, stop) + REACH, len(self._grid.times) - 1)
         return Conditioned(
             condition(self._grid.positions, self._rate, start, stop),

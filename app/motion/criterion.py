@@ -6,7 +6,7 @@ action between two points counts
     evidence * log-likelihood ratio + log p(duration) - max log p(duration)
 
 which is, up to a constant, the log posterior odds of its class against the background; the search takes off
-``START`` for each, so that few segments are better than many.
+``START`` for each action and ``PAUSE`` for each rest, so that few parts are better than many.
 
 Neighbouring frames are not independent. A plain HMM counts them as if they were, many times over what they
 say, and its ratio then outweighs how long an action takes. ``evidence`` is the share of the frames that are
@@ -33,7 +33,10 @@ from app.motion.trajectory import Floats
 START = 6.0
 """What an action must explain better than its neighbours to be one [nat]: it begins once in e^6 frames."""
 
-REST = 0.8
+PAUSE = 1.5
+"""What a rest must explain better than the actions beside it to be one [nat]."""
+
+REST = 0.85
 """A frame of rest is as good as this share of a typical action's: new people get about so much for theirs."""
 
 LEAST_REST = -10.0

@@ -1,15 +1,15 @@
 """Segmental Viterbi: the best division of all that was seen into actions and rest, decided once it stands.
 
-The search is exact over *places*, candidate boundaries ``SPACING`` apart: every segment between two places
-is looked at, and each place keeps the value of the best division of all that lies before, and where its last
-part began. What is under way at the newest place counts what it may become (``foresight``), so divisions
-can be compared while an action lasts.
+The search is exact over *places*, candidate boundaries ``SPACING`` apart: the segments between them are
+looked at, and each place keeps the value of the best division of all that lies before. What is under way at
+the newest place counts what it may become (``foresight``), so divisions can be compared while an action
+lasts.
 
 A segment is final once every surviving division has it, up to ``NEAR`` at its ends: all within
-``SURVIVING`` of the best. A bound in stream time forces what stays open longer. The search sees only
-``Parts``, so that it can be tested against a hand-written table. It works frame by frame and a bounded
-amount for each: what it finds, and after which frame, depends on nothing but the frames. Points are counted
-from 0 over the whole stream.
+``SURVIVING`` of the best. A bound in stream time forces what stays open longer: once it has passed, what the
+leading division has is final. The search sees only ``Parts``, so that it can be tested against a hand-written
+table. It works frame by frame and a bounded amount for each: what it finds, and after which frame, depends
+on nothing but the frames. Points are counted from 0 over the whole stream.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from app.motion.criterion import START
+from app.motion.criterion import PAUSE, START
 from app.motion.foresight import Outlook
 from app.motion.model import Model
-from app.motion.scoring import Indices
+from app.motion.places import Places
+from app.motion.scoring import MOST_FRAMES, Indices
 from app.motion.search import Found
-from app.motion.trajectory import Flags, Floats
+from app.motion.trajectory import Floats
 
 PACE = 2.5
 """A movement may be this many times slower or faster than any that was demonstrated."""
@@ -32,11 +33,11 @@ PACE = 2.5
 SPACING = 0.04
 """Places lie so far apart [s]: in that time a hand that starts or stops hardly moves."""
 
-MOST_ORIGINS = 200
-"""No place looks back at more places than this; where actions last long, places lie farther apart."""
+FINENESS = 50
+"""Where a segment began is looked for to a share of one so many-th of its length."""
 
-SURVIVING = 16.0
-"""A division that is worse than the best by more than this will not catch up [nat]."""
+SURVIVING = 7.0
+"""A division a thousand times less likely than the best will not catch up [nat]."""
 
 SETTLED = 0.24
 """Where a boundary lies exactly shows this long after it [s]."""
@@ -60,7 +61,7 @@ half an action is better."""
 CONVERGE_EVERY = 2
 """Places between two attempts to decide."""
 
-WORK_PER_FRAME = 25_000
+WORK_PER_FRAME = 40_000
 """Frames of candidate segments that are looked at for each frame that arrives."""
 
 
@@ -86,9 +87,9 @@ class Parts(Protocol):
 
 @dataclass(frozen=True)
 class Limits:
-    """What the search goes by, in points of the internal rate; see the constants of this module.
+    """What the search goes by, in points of the internal rate [Hz]; see the constants of this module.
 
-    shortest, longest: lengths of a segment; bound: how long after its end a segment is decided at the latest.
+    shortest, longest: lengths of a segment; bound: how long after its end a segment stays open at most.
     """
 
     rate: float
@@ -96,15 +97,19 @@ class Limits:
     longest: int
     bound: int
 
+    def points(self, seconds: float) -> int:
+        """Return so many seconds in points, at least one."""
+        return max(round(seconds * self.rate), 1)
+
     @property
     def spacing(self) -> int:
         """Points between two places."""
-        return max(round(SPACING * self.rate), -(-self.longest // MOST_ORIGINS), 1)
+        return self.points(SPACING)
 
     @property
     def horizon(self) -> int:
         """How long a point matters."""
-        return self.longest + self.bound + 4 * self.spacing
+        return 2 * self.longest + 4 * self.spacing
 
 
 def limits_of(model: Model, bound: float | None = None) -> Limits:
@@ -135,35 +140,29 @@ class Decoder:
     def __init__(self, parts: Parts, limits: Limits, origin: int = 0) -> None:
         self._parts, self._limits = parts, limits
         self._n_points = origin
-        size = 4 * (limits.horizon // limits.spacing + 2)
-        self._points: Indices = np.full(size, origin, dtype=np.int64)
-        self._values, self._back = np.zeros(size), np.zeros(size, dtype=np.int64)
-        self._moved: Flags = np.zeros(size, dtype=bool)
-        self._base, self._n_places = 0, 1
+        self._places = Places(origin, 4 * (limits.horizon // limits.spacing + 2), PAUSE)
         self._pending: Indices = np.empty(0, dtype=np.int64)
+        self._is_open = False
 
     @property
     def origin(self) -> int:
         """Point before which nothing is needed any more."""
-        oldest = int(self._points[self._n_places - 1]) - self._limits.horizon
-        return max(int(self._points[self._base]), oldest)
+        points = self._places.points
+        return max(int(points[self._places.boundary]), int(points[-1]) - self._limits.horizon)
 
-    def frame(self, work: int = WORK_PER_FRAME) -> list[Found]:
-        """Take one more point; return the segments that are decided now."""
+    def frame(self, work: int | None = WORK_PER_FRAME) -> list[Found]:
+        """Take one more point; return the segments that are decided now; work: None for all there is."""
         self._n_points += 1
         return self._advance(work)
 
-    def catch_up(self) -> list[Found]:
-        """Return the segments that all the points there are decide, whatever the work."""
-        return self._advance(None)
-
     def finish(self) -> list[Found]:
         """Return the segments that are left once there are no more points."""
-        found = self._advance(None)
-        last = self._n_points - 1
-        if last > self._points[self._n_places - 1]:
-            self._extend(last, None)
-        return found + [self._commit(place) for place in self._ends(self._n_places - 1)]
+        found, places = self._advance(None), self._places
+        if self._n_points - 1 > places.points[-1]:
+            self._extend(self._n_points - 1, None)
+        ends = places.ends(places.newest)
+        starts = [places.action(end).start for end in ends[1:]]
+        return found + [self._settle(*each) for each in zip(ends, [*starts, None], strict=True)]
 
     def alternatives(self, through: int) -> list[Alternative]:
         """Return what may be under way at a point, the best first; what does not survive may be missing.
@@ -172,167 +171,139 @@ class Decoder:
         """
         if not self._parts.seen(through):
             return []
-        newest, points = self._n_places - 1, self._points
-        found = []
-        if not self._moved[newest]:
-            base, point = float(self._values[newest]), int(points[newest])
-            value = base + self._parts.rest(point, through)
-            found.append(Alternative(value, base, newest, point, None))
-        best = found[0].value if found else -np.inf
+        places = self._places
+        base, point = places.rested, int(places.points[-1])
+        best = base + self._parts.rest(point, through)
+        found = [Alternative(best, base, places.newest, point, None)]
         for place in self._onsets(through):
-            age = through - int(points[place])
-            if self._values[place] + self._parts.typical * age - START < best - SURVIVING:
-                continue
-            begun = self._begun(place, through)
-            if begun is not None:
-                found.append(begun)
-                best = max(best, begun.value)
+            most = self._parts.typical * (through - places.points[place])
+            if places.worth[place] - START + most >= best - SURVIVING:
+                begun = self._begun(place, through)
+                if begun is not None:
+                    found.append(begun)
+                    best = max(best, begun.value)
         return sorted(found, key=lambda each: -each.value)
 
     def _advance(self, work: int | None) -> list[Found]:
+        """Look at places whose points are there, until the work is done."""
         found: list[Found] = []
-        while (point := int(self._points[self._n_places - 1]) + self._limits.spacing) < self._n_points:
-            spent, is_complete = self._extend(point, work)
+        while (point := self._next_point()) < self._n_points and (work is None or work > 0):
+            spent = self._extend(point, work)
             if work is not None:
                 work -= spent
-            if not is_complete:
-                break
-            if (point // self._limits.spacing) % CONVERGE_EVERY == 0:
+            if not self._is_open and (point // self._limits.spacing) % CONVERGE_EVERY == 0:
                 found += self._converge(point)
-            if work is not None and work <= 0:
-                break
         return found
 
-    def _extend(self, point: int, work: int | None) -> tuple[int, bool]:
-        """Look at segments that end at a new place; return the work done, and whether it is complete."""
-        if len(self._pending) == 0:
-            self._begin_place(point)
-        lengths = point - self._points[self._pending]
-        n_ready = len(lengths) if work is None else max(int(np.searchsorted(np.cumsum(lengths), work)), 1)
+    def _next_point(self) -> int:
+        newest = int(self._places.points[-1])
+        return newest if self._is_open else newest + self._limits.spacing
+
+    def _extend(self, point: int, work: int | None) -> int:
+        """Look at segments that end at the newest place, a new one at ``point`` if none is open.
+
+        Return the frames looked at; the place stays open until all segments were.
+        """
+        if not self._is_open:
+            self._open(point)
+        lengths = np.minimum(point - self._places.points[self._pending], 2 * MOST_FRAMES)
+        n_ready = len(lengths)
+        if work is not None:
+            n_ready = min(int(np.searchsorted(np.cumsum(lengths), work)) + 1, n_ready)
         ready, self._pending = self._pending[:n_ready], self._pending[n_ready:]
         if len(ready):
-            self._take(point, ready)
-        is_complete = len(self._pending) == 0
-        if is_complete:
-            self._n_places += 1
-        return int(lengths[:n_ready].sum()), is_complete
+            self._look(point, ready)
+        self._is_open = len(self._pending) > 0
+        return int(lengths[:n_ready].sum()) + 1
 
-    def _begin_place(self, point: int) -> None:
-        """A new place is reached by rest; every place that a segment may begin at is pending."""
-        if self._n_places == len(self._points):
-            self._forget()
-        new, points = self._n_places, self._points[: self._n_places]
-        rest = self._parts.rest(int(points[-1]), point)
-        self._points[new], self._back[new], self._moved[new] = point, new - 1, False
-        self._values[new] = self._values[new - 1] + rest
-        ages = point - points
-        allowed = (ages >= self._limits.shortest) & (ages <= self._limits.longest)
-        allowed &= np.isfinite(self._values[:new])
-        allowed[: self._base] = False
+    def _open(self, point: int) -> None:
+        """Add a place; every place that a segment to it may begin at is pending."""
+        places, limits = self._places, self._limits
+        if places.is_full:
+            places.forget(point - limits.horizon)
+        ages, worth = point - places.points, places.worth
+        coarse = np.maximum(2 ** np.floor(np.log2(np.maximum(ages / limits.spacing / FINENESS, 1.0))), 1.0)
+        allowed = (ages >= limits.shortest) & (ages <= limits.longest) & np.isfinite(worth)
+        allowed &= (places.points // limits.spacing) % coarse == 0
         self._pending = np.flatnonzero(allowed)
+        places.add(point, self._parts.rest(int(places.points[-1]), point))
 
-    def _take(self, point: int, origins: Indices) -> None:
-        """Let segments from these places to the new one compete for it."""
-        segments = np.column_stack([self._points[origins], np.full(len(origins), point)])
+    def _look(self, point: int, origins: Indices) -> None:
+        """Let segments from these places to the newest compete for it."""
+        segments = np.column_stack([self._places.points[origins], np.full(len(origins), point)])
         unknown = UNKNOWN * self._parts.typical * (point - segments[:, 0])
-        criterion = self._parts.criterion(segments)
-        known = criterion.max(axis=1)
-        possible = np.where(np.isnan(known), -np.inf, np.maximum(known, unknown))
-        values = self._values[origins] + possible - START
-        best, new = int(values.argmax()), self._n_places
-        if values[best] > self._values[new]:
-            self._values[new], self._back[new], self._moved[new] = values[best], origins[best], True
+        known = self._parts.criterion(segments).max(axis=1)
+        if self._parts.seen(point):
+            self._places.offer(origins, np.maximum(known, unknown) - START)
 
     def _onsets(self, through: int) -> list[int]:
         """Return the places where what is under way may have begun, the most promising first."""
-        limits = self._limits
-        places = np.arange(self._base, self._n_places)
-        ages = through - self._points[places]
-        young, old = round(YOUNGEST * limits.rate), limits.longest
-        fits = (ages >= young) & (ages <= old) & np.isfinite(self._values[places])
-        places, ages = places[fits], ages[fits]
-        promise = self._values[places] + ONSET * self._parts.typical * ages
-        bins = ages // max(round(BIN * limits.rate), limits.spacing)
+        limits, worth = self._limits, self._places.worth
+        ages = through - self._places.points
+        young, old = limits.points(YOUNGEST), limits.longest
+        fits = np.flatnonzero((ages >= young) & (ages <= old) & np.isfinite(worth))
+        promise = worth[fits] + ONSET * self._parts.typical * ages[fits]
+        bins = ages[fits] // limits.points(BIN)
         order = np.lexsort((-promise, bins))
         firsts = order[np.unique(bins[order], return_index=True)[1]]
-        onsets: list[int] = places[firsts[np.argsort(-promise[firsts], kind="stable")]].tolist()
+        onsets: list[int] = fits[firsts[np.argsort(-promise[firsts], kind="stable")]].tolist()
         return onsets
 
     def _begun(self, place: int, through: int) -> Alternative | None:
-        point, base = int(self._points[place]), float(self._values[place]) - START
+        point, base = int(self._places.points[place]), float(self._places.worth[place]) - START
         outlook = self._parts.outlook(point, through)
         if outlook is None:
             return None
-        return Alternative(base + float(np.logaddexp.reduce(outlook.values, axis=None)), base, place, point, outlook)
+        value = base + float(np.logaddexp.reduce(outlook.values, axis=None))
+        return Alternative(value, base, place, point, outlook)
 
     def _converge(self, through: int) -> list[Found]:
         """Decide what every surviving division has."""
         found: list[Found] = []
-        alternatives = self.alternatives(through)
-        best = alternatives[0].place if alternatives else self._n_places - 1
-        while ends := self._ends(best):
-            if through - self._points[ends[0]] < self._limits.bound:
+        alternatives, places = self.alternatives(through), self._places
+        best = alternatives[0].place if alternatives else places.newest
+        while ends := places.ends(best):
+            if through - places.points[ends[0]] < self._limits.bound:
                 if not alternatives or not self._agree(ends[0], alternatives):
                     break
                 best = self._refined(alternatives[0], best, through)
-                ends = self._ends(best)
-                settled = SETTLED * self._limits.rate
-                if not ends or through - self._points[ends[0]] < settled:
+                ends = places.ends(best)
+                if not ends or through - places.points[ends[0]] < self._limits.points(SETTLED):
                     break
-            found.append(self._commit(ends[0]))
+            begins = places.action(ends[1]).start if len(ends) > 1 else int(places.points[best])
+            found.append(self._settle(ends[0], begins))
         return found
 
     def _agree(self, end: int, alternatives: list[Alternative]) -> bool:
         """Return whether all surviving divisions have the segment that ends at a place, or one near it."""
-        near = NEAR * self._limits.rate
+        places, mine = self._places, self._places.action(end)
+        worth = places.worth
         for each in alternatives:
             if each.value < alternatives[0].value - SURVIVING:
                 break
-            if not np.isfinite(self._values[each.place]):
+            if not np.isfinite(worth[each.place]):
                 continue
-            ends = self._ends(each.place)
+            ends = places.ends(each.place)
             if not ends:
                 return False
-            for mine, theirs in ((end, ends[0]), (self._back[end], self._back[ends[0]])):
-                if abs(self._points[mine] - self._points[theirs]) > near:
-                    return False
+            off = np.abs(np.subtract(mine[:2], places.action(ends[0])[:2]))
+            if off.max() > self._limits.points(NEAR):
+                return False
         return True
 
     def _refined(self, leader: Alternative, place: int, through: int) -> int:
         """Return the place, near that of the leading division, where what is under way best begins."""
+        points, limits = self._places.points, self._limits
         if leader.outlook is None:
             return place
-        near = np.abs(self._points[: self._n_places] - self._points[place]) <= BIN * self._limits.rate
-        young = through - self._points[: self._n_places] >= YOUNGEST * self._limits.rate
-        candidates = np.flatnonzero(near & young & np.isfinite(self._values[: self._n_places]))
-        begun = [self._begun(each, through) for each in candidates[candidates >= self._base].tolist()]
-        return max((each for each in begun if each is not None), key=lambda each: each.value).place
+        near = np.abs(points - points[place]) <= limits.points(BIN)
+        fits = near & (through - points >= limits.points(YOUNGEST)) & np.isfinite(self._places.worth)
+        begun = [self._begun(each, through) for each in np.flatnonzero(fits).tolist()]
+        best = max((each for each in begun if each is not None), key=lambda each: each.value, default=leader)
+        return best.place
 
-    def _ends(self, place: int) -> list[int]:
-        """Return the places where the segments of the best division up to a place end, in order."""
-        ends = []
-        while place > self._base:
-            if self._moved[place]:
-                ends.append(place)
-            place = int(self._back[place])
-        return ends[::-1]
-
-    def _commit(self, end: int) -> Found:
-        """Make the segment that ends at a place final: divisions without that end are out."""
-        found = Found(int(self._points[self._back[end]]), int(self._points[end]))
-        self._base = end
-        for place in range(end + 1, self._n_places):
-            back = int(self._back[place])
-            if back < end or not np.isfinite(self._values[back]):
-                self._values[place] = -np.inf
-        return found
-
-    def _forget(self) -> None:
-        """Make room: places before the horizon are not needed."""
-        oldest = self._points[self._n_places - 1] - self._limits.horizon
-        drop = max(self._base, int(np.searchsorted(self._points[: self._n_places], oldest)))
-        kept = self._n_places - drop
-        for array in (self._points, self._values, self._back, self._moved):
-            array[:kept] = array[drop : self._n_places].copy()
-        self._back[:kept] -= drop
-        self._base, self._n_places = 0, kept
+    def _settle(self, end: int, next_start: int | None) -> Found:
+        """Make the action that ends at a place final; next_start: point where what follows begins."""
+        action = self._places.action(end)
+        self._places.settle(end)
+        return action._replace(is_shared=next_start == action.end)

@@ -23,7 +23,7 @@ PHASES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97])
 """Phases that a movement under way may be in."""
 
 MOST_FRAMES = 32
-"""Of a long movement every second frame is looked at, or every third …, and counts for the others."""
+"""Of a longer movement every second frame is looked at, or every third …, and counts for the others."""
 
 LEAST_WAY = 0.02
 """Less than this share of the way tells nothing of the rest of it."""

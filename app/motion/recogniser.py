@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -49,6 +49,14 @@ class SegmentEvent:
 
 
 Event = SegmentEvent | Gap
+
+
+class Boundary(NamedTuple):
+    """A point, the client's frame nearest to it, and its time [s]."""
+
+    point: int
+    frame: int
+    time: float
 
 
 class Recogniser:
@@ -136,6 +144,7 @@ class Recogniser:
     def _begin(self, origin: int) -> None:
         """Start afresh: nothing that lies before has to do with what comes."""
         rate = self._model.features.rate
+        self._last: Boundary | None = None
         self._resampler = Resampler(rate)
         self._conditioner = Conditioner(rate, 1 + len(self._objects))
         self._search: Decoder | Search
@@ -163,7 +172,7 @@ class Recogniser:
         decided = []
         for index, released in enumerate(ready.released.tolist()):
             self._window.append(ready, index, self._search.origin)
-            found = self._search.frame() if self._window.has_room else self._search.catch_up()
+            found = self._search.frame() if self._window.has_room else self._search.frame(None)
             decided += [(released, event) for event in self._events(found)]
         return decided
 
@@ -173,33 +182,47 @@ class Recogniser:
 
     def _events(self, found: Sequence[Found]) -> list[SegmentEvent]:
         """Return the events of segments that some class can be."""
-        events = [self._event(each.start, each.end) for each in found]
+        events = [self._event(each) for each in found]
         return [event for event in events if event is not None]
 
-    def _event(self, first: int, last: int) -> SegmentEvent | None:
-        scores = self._window.scores(np.array([[first, last]]))
+    def _trimmed(self, found: Found) -> tuple[Boundary, Boundary]:
+        """Return where the hand moves in a segment of Steps 1-3, which know no rest."""
+        first, last = movement(self._window.hand(found.start, found.end))
+        return self._boundary_at(found.start + first), self._boundary_at(found.start + last)
+
+    def _span(self, found: Found) -> tuple[Boundary, Boundary]:
+        """Return where a segment starts and ends; one that touches its predecessor starts where that ends."""
+        start = self._boundary_at(found.start)
+        if self._last is not None and found.start <= self._last.point:
+            start = self._last
+        end = self._boundary_at(self._window.turn(found.end) if found.is_shared else found.end)
+        self._last = end if end.point > found.end else end._replace(point=found.end)
+        return start, end
+
+    def _boundary_at(self, point: int) -> Boundary:
+        return Boundary(point, *self._window.frame_of(point))
+
+    def _event(self, found: Found) -> SegmentEvent | None:
+        scores = self._window.scores(np.array([[found.start, found.end]]))
         criterion, ratio, filling = (of_segment[0] for of_segment in scores)
         best = int(criterion.argmax())
         if not np.isfinite(criterion[best]):
             return None
-        if self._method != "viterbi":
-            begin, end = movement(self._window.hand(first, last))
-            first, last = first + begin, first + end
-        (start, t_start), (end, t_end) = self._window.frame_of(first), self._window.frame_of(last)
+        start, end = self._trimmed(found) if self._method != "viterbi" else self._span(found)
         names, familiarity = self._model.names, self._model.familiarity
         ordered = np.sort(criterion)
         filled = self._fillings[filling[best]]
         roles = self._model.features.objects
         return SegmentEvent(
-            start=start,
-            end=end,
+            start=start.frame,
+            end=end.frame,
             action=names[best] if ratio[best] >= familiarity.least[best] else None,
             objects={role: self._objects[index] for role, index in zip(roles, filled, strict=True)},
             log_likelihoods=dict(zip(names, criterion.tolist(), strict=True)),
             margin=float(ordered[-1] - ordered[-2]) if len(ordered) > 1 else None,
             novelty=float(familiarity.typical[best] - ratio[best]),
-            t_start=t_start,
-            t_end=t_end,
+            t_start=start.time,
+            t_end=end.time,
         )
 
 

@@ -32,6 +32,9 @@ from app.motion.trajectory import Floats
 
 Indices = NDArray[np.int64]
 
+MOST_FRAMES = 200
+"""Of a longer segment every second frame is looked at, or every third …, and counts for the others."""
+
 _LOW, _HIGH = 1e-90, 1e90  # where the densities of paths are brought back to 1
 
 
@@ -135,14 +138,14 @@ def score_segments(
     paths = room_for(states, len(fillings))
     for index in range(len(segments)):
         origin, goal = segments[index]
-        duration = float(max(goal - origin, 1))
-        movement = Movement(origin, goal, 1, tracks.hand[origin], tracks.hand[goal], duration)
+        duration, step = float(max(goal - origin, 1)), max((goal - origin) // MOST_FRAMES, 1)
+        movement = Movement(origin, goal, step, tracks.hand[origin], tracks.hand[goal], duration)
         follow(tracks, table_height, movement, first, states, fillings, paths)
         for k in range(len(power)):
             last = first[k + 1] - 1
             for f in range(len(fillings)):
                 ended = np.log(paths.density[f, last + 1] * states.leave[last])
-                ratio = power[k] * (paths.logs[f, k] + ended)
+                ratio = step * power[k] * (paths.logs[f, k] + ended)
                 if ratio > ratios[index, k]:
                     ratios[index, k], filled[index, k] = ratio, f
     return ratios, filled

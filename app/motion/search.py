@@ -68,10 +68,11 @@ def bounds_of(model: Model) -> Bounds:
 
 
 class Found(NamedTuple):
-    """A segment [start, end) in points."""
+    """A segment [start, end) in points; is_shared: its end is where the next one starts."""
 
     start: int
     end: int
+    is_shared: bool = False
 
 
 class Row:
@@ -138,18 +139,14 @@ class Search:
         """Frame from which on everything is undecided; what lies before is not needed any more."""
         return self._current.origin
 
-    def frame(self, work: int = WORK_PER_FRAME) -> list[Found]:
-        """Take one more frame; return the segments that are decided now."""
+    def frame(self, work: int | None = WORK_PER_FRAME) -> list[Found]:
+        """Take one more frame; return the segments that are decided now; work: None for all there is."""
         self._n_frames += 1
         return self._advance(work, finished=False)
 
     def finish(self) -> list[Found]:
         """Return the segments that are left once there are no more frames."""
         return self._advance(None, finished=True)
-
-    def catch_up(self) -> list[Found]:
-        """Return the segments that all the frames there are decide, whatever the work."""
-        return self._advance(None, finished=False)
 
     def _advance(self, work: int | None, finished: bool) -> list[Found]:
         found: list[Found] = []

@@ -14,6 +14,13 @@ from app.motion.model import Model
 from app.motion.scoring import Indices
 from app.motion.trajectory import Flags, Floats, Scene
 
+TURN, TURN_SHARE = 0.1, 0.2
+"""Between two actions that touch the hand is slowest near the boundary found: within this [s], and this share
+of the shortest action."""
+
+SLOWNESS = 4.0
+"""Where exactly is the mean of the points there, weighted by one over this power of their speeds."""
+
 
 class Window:
     """The points from the search's origin on, at most ``capacity`` of them.
@@ -25,6 +32,8 @@ class Window:
         self._criterion = Criterion(model, scene.table_height, fillings)
         self._foresight = Foresight(model, scene.table_height, fillings)
         self._n_classes, self._capacity = len(model.actions), capacity
+        shortest = min(float(action.durations.min()) for action in model.actions)
+        self._turn = round(min(TURN, TURN_SHARE * shortest) * model.features.rate)
         size = capacity + REACH
         self._tracks = Tracks(
             np.empty((size, 3)), np.empty(size), np.empty((n_objects, size, 3)), np.empty((n_objects, size))
@@ -48,16 +57,14 @@ class Window:
         """Take a point; what lies before ``origin`` is forgotten where its place is needed."""
         if not self.has_room:
             self._forget(origin)
-        place = self.n_points - self._begin
-        self._write(ready.tracks, index, place)
-        self._frames[place], self._times[place] = ready.frames[index], ready.times[index]
+        self._write(ready, index, self.n_points - self._begin)
         self.n_points += 1
 
-    def look_ahead(self, ahead: Tracks) -> int:
+    def look_ahead(self, ahead: Conditioned) -> int:
         """Take points that are not ready, until the next is appended; return the number of the last point."""
-        for index in range(len(ahead.pace)):
+        for index in range(len(ahead.times)):
             self._write(ahead, index, self.n_points - self._begin + index)
-        return self.n_points + len(ahead.pace) - 1
+        return self.n_points + len(ahead.times) - 1
 
     def seen(self, point: int) -> bool:
         """Return whether the hand was seen at a point."""
@@ -93,6 +100,16 @@ class Window:
         """Return (end - start + 1, 3) positions of the hand at points from start to end [m]."""
         return self._tracks.hand[start - self._begin : end - self._begin + 1]
 
+    def turn(self, point: int) -> int:
+        """Return the point near a boundary where the hand turns from one action to the next."""
+        place = point - self._begin
+        low, high = max(place - self._turn, 0), min(place + self._turn + 1, self.n_points - self._begin)
+        weights = np.nan_to_num(np.exp(-SLOWNESS * self._tracks.pace[low:high]))
+        if not weights[place - low]:
+            return point
+        middle = round(float(np.average(np.arange(low, high), weights=weights)))
+        return self._begin + middle if self._seen(np.array([middle]))[0] else point
+
     def objects(self, point: int) -> Floats:
         """Return (n_objects, 3) positions of the objects at a point [m], NaN where not seen."""
         return self._tracks.objects[:, point - self._begin]
@@ -106,7 +123,9 @@ class Window:
         seen: Flags = ~np.isnan(self._tracks.hand[places, 0])
         return seen
 
-    def _write(self, tracks: Tracks, index: int, place: int) -> None:
+    def _write(self, ready: Conditioned, index: int, place: int) -> None:
+        tracks = ready.tracks
+        self._frames[place], self._times[place] = ready.frames[index], ready.times[index]
         self._tracks.hand[place], self._tracks.pace[place] = tracks.hand[index], tracks.pace[index]
         self._tracks.objects[:, place] = tracks.objects[:, index]
         self._tracks.paces[:, place] = tracks.paces[:, index]
