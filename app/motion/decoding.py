@@ -161,8 +161,9 @@ class Decoder:
         if self._n_points - 1 > places.points[-1]:
             self._extend(self._n_points - 1, None)
         ends = places.ends(places.newest)
-        starts = [places.action(end).start for end in ends[1:]]
-        return found + [self._settle(*each) for each in zip(ends, [*starts, None], strict=True)]
+        for end, after in zip(ends, [*ends[1:], None], strict=False):
+            found.append(self._settle(end, None if after is None else places.action(after).start))
+        return found
 
     def alternatives(self, through: int) -> list[Alternative]:
         """Return what may be under way at a point, the best first; what does not survive may be missing.
