@@ -230,7 +230,9 @@ def _shared(one: Segment, other: Segment) -> int:
 
 def _guess(hypothesis: Message) -> str:
     best = max(hypothesis["actions"], key=lambda guess: float(guess["posterior"]))
-    return f"looks like {_coloured(best['action'])}" if best["action"] else "may be anything yet"
+    if best["action"] is None:
+        return "looks like nothing that was learned"
+    return "at rest" if best["action"] == "rest" else f"looks like {_coloured(best['action'])}"
 
 
 def _tell_measures(seen: Recording, segments: Sequence[Message], console: Console) -> None:

@@ -31,7 +31,7 @@ class OptionsSent(Request):
         le=1,
         allow_inf_nan=False,
         alias="deviation_floor_m",
-        description="Least standard deviation of a state [m].",
+        description="Least standard deviation of a state in the deviation from the straight line [m].",
     )
     seed: int = Field(0, ge=0, lt=2**63, description="Of the folds that choose the number of states.")
 
