@@ -27,7 +27,7 @@ from app.motion.model import (
     Model,
     Rest,
 )
-from app.motion.scoring import Indices, score_segments, states_of
+from app.motion.scoring import MOST_FRAMES, Indices, score_segments, states_of
 from app.motion.trajectory import Floats
 from tests.motion.plain import background, log_densities, viterbi
 
@@ -249,6 +249,15 @@ def test_frames_outside_a_segment_do_not_matter(seed: int) -> None:
     elsewhere.hand[outside], elsewhere.pace[outside] = np.nan, 7.0
     elsewhere.objects[:, outside], elsewhere.paces[:, outside] = 7.0, np.nan
     np.testing.assert_array_equal(ratios(model, elsewhere, segments), ratios(model, motion, segments))
+
+
+@pytest.mark.parametrize("step", [1, 2, 3])
+def test_of_a_long_segment_each_frame_looked_at_counts_for_those_left_out(step: int) -> None:
+    rng, last = np.random.default_rng(3), step * MOST_FRAMES + step - 1
+    model, motion = model_of(rng, (3, 6)), motion_of(rng, last + 1)
+    seen = whole(model, motion, (0, last))[::step]
+    expected = [step * (viterbi(action, seen) - background(model, seen)) for action in model.actions]
+    np.testing.assert_allclose(ratios(model, motion, [(0, last)])[0], expected, rtol=1e-9)
 
 
 def test_fewer_frames_than_states_are_impossible() -> None:
