@@ -14,7 +14,7 @@ from app.motion.model import FeatureSpecification, Model
 from app.motion.recogniser import Recogniser, SegmentEvent, recognise
 from app.motion.simulation import Conditions, demonstrations, recording
 from app.motion.training import TrainingOptions, fit_model
-from app.motion.trajectory import Floats, Recording, Segment, Trajectory
+from app.motion.trajectory import Demonstration, Floats, Recording, Segment, Trajectory
 
 SHOWN = recording(11, 5)
 PAUSED = [recording(40 + seed, 4, Conditions(rest=(0.3, 0.8))) for seed in range(6)]
@@ -98,6 +98,30 @@ def test_the_object_that_is_handled_is_named_whatever_its_name(trained: Model) -
     ]
     assert [event.action for event in events] == [each.action for each in SHOWN.segments]
     assert [event.objects for event in events] == [{"object": "cup"}] * len(events)
+
+
+def test_a_model_without_roles_needs_no_objects() -> None:
+    shown = [replace(each, trajectory=with_objects(each.trajectory, {})) for each in demonstrations(1)[::2]]
+    model = fit_model(shown, FeatureSpecification(), TrainingOptions(n_states=4))
+    events = segments_of(model, Recording(with_objects(SHOWN.trajectory, {}), SHOWN.segments))
+    assert [event.action for event in events] == [each.action for each in SHOWN.segments]
+    assert [event.objects for event in events] == [{}] * len(events)
+
+
+def slowly(shown: Demonstration, factor: int) -> Demonstration:
+    """Return a demonstration as another class, so many times as slow."""
+    return Demonstration(
+        f"{shown.action} slowly",
+        Trajectory(shown.trajectory.times * factor, shown.trajectory.hand, shown.trajectory.objects),
+    )
+
+
+def test_short_actions_are_found_beside_classes_that_last_long() -> None:
+    shown = demonstrations(1)[::3]
+    slow = [slowly(each, 15) for each in shown[::4]]
+    model = fit_model([*shown, *slow], FeatureSpecification(("object",)), TrainingOptions(n_states=4))
+    found = [event.action for event in segments_of(model, SHOWN)]
+    assert found == [each.action for each in SHOWN.segments]
 
 
 def test_an_object_named_like_a_role_fills_it(trained: Model) -> None:
