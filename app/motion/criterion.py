@@ -14,8 +14,8 @@ independent, learned from how much the demonstrations' deviations from their sta
 tempers the likelihood as composite likelihoods are (Pauli, Racugno and Ventura 2011). Durations are
 log-normal. No part has a unit: the same data in millimetres give the same numbers.
 
-Rest counts ``REST`` of what the frames of a typical action do, as long as the hand is no faster than where
-demonstrations begin and end; the faster it is, the less.
+Rest counts what the frames of a typical action do, as long as the hand is no faster than where demonstrations
+begin and end; the faster it is, the less.
 """
 
 from __future__ import annotations
@@ -35,9 +35,6 @@ START = 6.0
 
 PAUSE = 1.5
 """What a rest must explain better than the actions beside it to be one [nat]."""
-
-REST = 0.85
-"""A frame of rest is as good as this share of a typical action's: new people get about so much for theirs."""
 
 LEAST_REST = -10.0
 """A frame that is surely no rest counts no less than this [nat]."""
@@ -85,5 +82,5 @@ class Criterion:
     def rest(self, pace: Floats) -> Floats:
         """Return what frames count as rest [nat], 0 for a dropout; pace: (n,) of the hand."""
         faster = np.maximum(pace - self._rest.pace, 0.0) / self._rest.spread
-        counted = REST * self.typical + np.maximum(-0.5 * faster**2, LEAST_REST)
+        counted = self.typical + np.maximum(-0.5 * faster**2, LEAST_REST)
         return np.nan_to_num(counted, nan=0.0)

@@ -39,7 +39,7 @@ FINENESS = 50
 SURVIVING = 7.0
 """A division a thousand times less likely than the best will not catch up [nat]."""
 
-SETTLED = 0.24
+SETTLED = 0.2
 """Where a boundary lies exactly shows this long after it [s]."""
 
 NEAR = 0.3

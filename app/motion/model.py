@@ -108,7 +108,7 @@ class Familiarity:
 
 @dataclass(frozen=True)
 class Rest:
-    """The pace that a hand has where an action begins or ends, mean and spread: slower is rest."""
+    """The pace that a hand has where an action begins or ends, and its spread: slower is rest."""
 
     pace: float
     spread: float

@@ -11,14 +11,17 @@ from app.motion.model import Familiarity, Model, Rest
 from app.motion.scoring import score_segments, states_of
 from app.motion.trajectory import Floats
 
-REST_SPREAD = 0.2
-"""Least spread of the pace at the ends of demonstrations."""
+SHARPER = 0.5
+"""Rest ends more sharply than the ends of demonstrations scatter, which are cut by hand: by this factor."""
+
+REST_SPREAD = 0.1
+"""Least spread of the pace at which rest ends."""
 
 
 def rest_of(demonstrations: Sequence[Tracks]) -> Rest:
-    """Return the pace that hands have where demonstrations begin and end: the median, and the spread."""
+    """Return the pace that hands have where demonstrations begin and end, and how sharp that is."""
     ends = np.array([tracks.pace[at] for tracks in demonstrations for at in (0, -1)])
-    return Rest(float(np.median(ends)), max(float(ends.std()), REST_SPREAD))
+    return Rest(float(np.median(ends)), max(SHARPER * float(ends.std()), REST_SPREAD))
 
 
 def familiarity_of(model: Model, demonstrations: Sequence[tuple[Tracks, float, str]]) -> Familiarity:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.motion.criterion import LEAST_REST, NEARER, REST, Criterion
+from app.motion.criterion import LEAST_REST, NEARER, Criterion
 from app.motion.model import PACE_SPREAD, Model
 from app.motion.roles import fillings
 from app.motion.scoring import score_segments, states_of
@@ -51,9 +51,9 @@ def test_an_action_goes_some_way(trained: Model, share: float, possible: bool) -
 def test_rest_counts_the_same_up_to_its_pace_and_less_beyond(trained: Model, paces: list[float]) -> None:
     criterion, pace = Criterion(trained, 0.0, ONE), np.sort(paces)
     counted = criterion.rest(pace)
-    np.testing.assert_allclose(counted[pace <= trained.rest.pace], REST * criterion.typical)
+    np.testing.assert_allclose(counted[pace <= trained.rest.pace], criterion.typical)
     assert (np.diff(counted) <= 0.0).all()
-    assert (counted >= REST * criterion.typical + LEAST_REST).all()
+    assert (counted >= criterion.typical + LEAST_REST).all()
 
 
 def test_a_spread_faster_than_rest_costs_what_one_of_a_gaussian_does(trained: Model) -> None:

@@ -10,7 +10,7 @@ import pytest
 from app.motion.conditioning import STILL, Tracks
 from app.motion.model import Model
 from app.motion.simulation import demonstrations
-from app.motion.standing import REST_SPREAD, familiarity_of, rest_of
+from app.motion.standing import REST_SPREAD, SHARPER, familiarity_of, rest_of
 from app.motion.training import conditioned
 
 
@@ -22,7 +22,7 @@ def paced(first: float, last: float) -> Tracks:
 def test_rest_is_the_pace_at_the_ends() -> None:
     found = rest_of([paced(-3.0, -2.0), paced(-2.5, -1.0), paced(-2.0, -2.0)])
     assert found.pace == np.median([-3.0, -2.0, -2.5, -1.0, -2.0, -2.0])
-    assert found.spread == pytest.approx(np.std([-3.0, -2.0, -2.5, -1.0, -2.0, -2.0]))
+    assert found.spread == pytest.approx(SHARPER * np.std([-3.0, -2.0, -2.5, -1.0, -2.0, -2.0]))
 
 
 def test_rest_is_never_without_spread() -> None:
