@@ -19,7 +19,7 @@ AT_LEAST = {"by person": {"F1@50": 0.99, "F1@75": 0.92, "Frames": 0.97}, "by hal
 BOUNDARY = 60.0
 """At most, from person to person [ms]."""
 
-AHEAD = {"Delineated": SIMULATED["Delineated"], "F1@50": REAL["F1@50"], "F1@75": REAL["F1@75"]}
+AHEAD = {"Delineated": SIMULATED["Delineated"]} | {name: REAL[name] for name in ("F1@50", "F1@75", "Frames")}
 """The measures by which nobody may be ahead."""
 
 

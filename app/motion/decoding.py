@@ -172,14 +172,14 @@ class Decoder:
         """
         if not self._parts.seen(through):
             return []
-        places = self._places
+        places, worth = self._places, self._places.worth
         base, point = places.rested, int(places.points[-1])
         best = base + self._parts.rest(point, through)
         found = [Alternative(best, base, places.newest, point, None)]
         for place in self._onsets(through):
             most = self._parts.typical * (through - places.points[place])
-            if places.worth[place] - START + most >= best - SURVIVING:
-                begun = self._begun(place, through)
+            if worth[place] - START + most >= best - SURVIVING:
+                begun = self._begun(place, worth, through)
                 if begun is not None:
                     found.append(begun)
                     best = max(best, begun.value)
@@ -250,8 +250,8 @@ class Decoder:
         onsets: list[int] = fits[firsts[np.argsort(-promise[firsts], kind="stable")]].tolist()
         return onsets
 
-    def _begun(self, place: int, through: int) -> Alternative | None:
-        point, base = int(self._places.points[place]), float(self._places.worth[place]) - START
+    def _begun(self, place: int, worth: Floats, through: int) -> Alternative | None:
+        point, base = int(self._places.points[place]), float(worth[place]) - START
         outlook = self._parts.outlook(point, through)
         if outlook is None:
             return None
@@ -294,12 +294,12 @@ class Decoder:
 
     def _refined(self, leader: Alternative, place: int, through: int) -> int:
         """Return the place, near that of the leading division, where what is under way best begins."""
-        points, limits = self._places.points, self._limits
+        points, worth, limits = self._places.points, self._places.worth, self._limits
         if leader.outlook is None:
             return place
         near = np.abs(points - points[place]) <= limits.points(BIN)
-        fits = near & (through - points >= limits.points(YOUNGEST)) & np.isfinite(self._places.worth)
-        begun = [self._begun(each, through) for each in np.flatnonzero(fits).tolist()]
+        fits = near & (through - points >= limits.points(YOUNGEST)) & np.isfinite(worth)
+        begun = [self._begun(each, worth, through) for each in np.flatnonzero(fits).tolist()]
         best = max((each for each in begun if each is not None), key=lambda each: each.value, default=leader)
         return best.place
 
