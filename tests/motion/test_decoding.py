@@ -289,7 +289,7 @@ def test_what_not_all_that_survive_have_is_decided_at_the_bound(behind: float, d
     assert run(Decoder(table, Limits(RATE, 2, 60, bound=30)), 80) == [(decided, (4, 14))]
 
 
-@pytest.mark.parametrize(("start", "end", "decided"), [(6, 19, 30), (13, 19, 54)])
+@pytest.mark.parametrize(("start", "end", "decided"), [(6, 20, 30), (13, 19, 54)])
 def test_ends_that_are_near_each_other_agree(start: int, end: int, decided: int) -> None:
     """Another division, which has this segment and a movement under way behind it, is nearly as good."""
     table = with_segment(with_segment(plain(80), 4, 24), start, end, gain=19.0)
