@@ -70,12 +70,22 @@ class Criterion:
 
         segments: (n_segments, 2) first and goal frame, neither a dropout of the hand.
         """
+        way = np.linalg.norm(tracks.hand[segments[:, 1]] - tracks.hand[segments[:, 0]], axis=1)
+        shape = (len(segments), len(self._nearest))
+        result = Scores(np.full(shape, -np.inf), np.full(shape, -np.inf), np.zeros(shape, dtype=np.int64))
+        goes = way >= self._nearest.min()
+        if goes.any():
+            for whole, part in zip(result, self._of_moving(tracks, segments[goes], way[goes]), strict=True):
+                whole[goes] = part
+        return result
+
+    def _of_moving(self, tracks: Tracks, segments: Indices, way: Floats) -> Scores:
+        """Return the scores of segments that go far enough for some class; way: (n_segments,) [m]."""
         ratios, filled = score_segments(tracks, self._table_height, segments, self._states, self._fillings)
         n_frames = segments[:, 1] - segments[:, 0]
         mean, deviation = self._tempo.T
         slowness = (np.log(n_frames / self._rate)[:, None] - mean) / deviation
         criterion = self._evidence * ratios - 0.5 * slowness**2
-        way = np.linalg.norm(tracks.hand[segments[:, 1]] - tracks.hand[segments[:, 0]], axis=1)
         criterion[way[:, None] < self._nearest] = -np.inf
         return Scores(criterion, ratios / (n_frames + 1)[:, None], filled)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from app.motion.conditioning import REACH, Conditioned, Tracks
 from app.motion.criterion import Criterion, Scores
+from app.motion.features import BLEND
 from app.motion.foresight import Foresight, Outlook
 from app.motion.model import Model
 from app.motion.scoring import Indices
@@ -90,9 +91,13 @@ class Window:
         return float(self._criterion.rest(self._tracks.pace[start - self._begin : stop - self._begin]).sum())
 
     def outlook(self, origin: int, through: int) -> Outlook | None:
-        """Return what a movement since ``origin`` may become, None where either point is a dropout."""
+        """Return what a movement since ``origin`` may become, None where it has no direction yet.
+
+        It has none where either point is a dropout.
+        """
         places = np.array([origin, through]) - self._begin
-        if not self._seen(places).all():
+        way = np.linalg.norm(np.subtract(*self._tracks.hand[places]))
+        if not way >= BLEND:
             return None
         return self._foresight(self._tracks, int(places[0]), int(places[1]))
 
