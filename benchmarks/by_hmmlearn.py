@@ -53,15 +53,14 @@ class PlainCriterion(Criterion):
         self._chains = [Chain(action) for action in model.actions]
         self._width = model.background.width
 
-    def __call__(self, tracks: Tracks, segments: Indices) -> Scores:
-        """Return the scores of segments."""
+    def _of_moving(self, tracks: Tracks, segments: Indices, way: Floats) -> Scores:
+        """Return the scores of segments that go far enough for some class; way: (n_segments,) [m]."""
         parts = [tracks.part(start, goal + 1) for start, goal in segments.tolist()]
         of_fillings = np.array([[self._ratios(part, of) for of in self._fillings.tolist()] for part in parts])
         ratios, n_frames = of_fillings.max(axis=1), np.diff(segments, axis=1)
         mean, deviation = self._tempo.T
         criterion = self._evidence * ratios - 0.5 * ((np.log(n_frames / self._rate) - mean) / deviation) ** 2
-        ways = np.array([[np.linalg.norm(part.hand[-1] - part.hand[0])] for part in parts])
-        near = ways < self._nearest
+        near = way[:, None] < self._nearest
         return Scores(np.where(near, -np.inf, criterion), ratios / (n_frames + 1), of_fillings.argmax(axis=1))
 
     def _ratios(self, part: Tracks, filling: list[int]) -> list[float]:

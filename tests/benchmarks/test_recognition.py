@@ -104,7 +104,7 @@ def test_a_folder_is_compared_from_person_to_person(folder: Path) -> None:
     assert (compared.value(REAL["F1@50"], OURS, folder.name) or 0.0) > 0.5
     assert compared.details().count(f"| {OURS} |") == 2
     goals = asked(compared, [folder])
-    assert {goal.asked.partition(":")[0] for goal in goals} == {folder.name, "F1@50", "F1@75"}
+    assert {goal.asked.partition(":")[0] for goal in goals} == {folder.name, "F1@50", "F1@75", "Frames"}
 
 
 def test_an_extra_segment_counts_once_for_its_sequence() -> None:
