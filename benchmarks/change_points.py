@@ -77,7 +77,7 @@ def classify(model: Model, trajectory: Trajectory, pieces: Sequence[Segment]) ->
     """Return the pieces that are actions by the criterion, each with its best class."""
     features = model.features
     even = resample(trajectory, features.rate)
-    motion = condition(stack(even, features.objects), features.rate)
+    motion = condition(stack(even, features.objects), features)
     there = np.flatnonzero(~np.isnan(motion.hand).any(axis=1))
     ends = trajectory.times[[[each.start, min(each.end, len(trajectory) - 1)] for each in pieces]]
     nearest = np.abs(even.times[there] - ends[..., None]).argmin(axis=2)

@@ -176,8 +176,9 @@ class Whole:
 
 def ratio_section(model: Model) -> str:
     """Return the section on the same search with hmmlearn."""
-    roles, rate = model.features.objects, model.features.rate
-    tracks = condition(stack(resample(recording(SEED, SHORT_ACTIONS).trajectory, rate), roles), rate)
+    roles = model.features.objects
+    even = resample(recording(SEED, SHORT_ACTIONS).trajectory, model.features.rate)
+    tracks = condition(stack(even, roles), model.features)
     filling = fillings(roles, roles)
     kinds = [
         Whole(kind(model, 0.0, filling), Foresight(model, 0.0, filling), tracks)

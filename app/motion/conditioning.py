@@ -6,7 +6,7 @@ the one nearest to all others, so that it turns with the world. Speed is the slo
 points around, less what noise alone would make of it. A point needs ``REACH`` points on either side, fewer
 where a stream begins or ends, and those that are missing are left out; a dropout stays one.
 
-Speeds are observed as their logarithm, ``log(speed + STILL)``: people differ in pace by factors.
+Speeds are observed as *paces*, ``log(1 + speed / still)``: people differ in pace by factors.
 """
 
 from __future__ import annotations
@@ -17,11 +17,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from app.motion.model import FeatureSpecification
 from app.motion.resampling import Grid
 from app.motion.trajectory import Floats
-
-STILL = 0.03
-"""A hand slower than this is about as good as still [m/s]: below it are tremor and noise."""
 
 HALF_MEDIAN, HALF_MEAN, HALF_SLOPE = 2, 2, 4
 """Points on either side that a median, a mean and a slope look at."""
@@ -33,8 +31,9 @@ HALF_NOISE = 6
 """Points on either side by which noise is judged: its third differences."""
 
 _OFFS = np.arange(-HALF_SLOPE, HALF_SLOPE + 1.0)
-_WEIGHTS = np.exp(-0.5 * (_OFFS / SLOPE_SPREAD) ** 2)
-NOISE_LEFT = float(np.sum((_WEIGHTS * _OFFS) ** 2) / np.sum(_WEIGHTS * _OFFS**2) ** 2)
+_OF_SLOPE = np.exp(-0.5 * (_OFFS / SLOPE_SPREAD) ** 2)
+_OF_MEAN = np.exp(-0.5 * (np.arange(HALF_MEAN + 1.0) / MEAN_SPREAD) ** 2)
+NOISE_LEFT = float(np.sum((_OF_SLOPE * _OFFS) ** 2) / np.sum(_OF_SLOPE * _OFFS**2) ** 2)
 """Share of the mean square of noise that is left in the square of a slope; it is taken off."""
 
 REACH = max(HALF_MEDIAN + HALF_SLOPE, HALF_NOISE)
@@ -44,7 +43,7 @@ REACH = max(HALF_MEDIAN + HALF_SLOPE, HALF_NOISE)
 class Tracks(NamedTuple):
     """Conditioned motion.
 
-    hand: (n, 3) [m]; pace: (n,) logarithm of its speed; objects: (n_objects, n, 3) [m]; paces: (n_objects,
+    hand: (n, 3) [m]; pace: (n,) of the hand; objects: (n_objects, n, 3) [m]; paces: (n_objects,
     n). NaN where something was not seen.
     """
 
@@ -59,18 +58,22 @@ class Tracks(NamedTuple):
         return Tracks(self.hand[at], self.pace[at], self.objects[:, at], self.paces[:, at])
 
 
-def condition(positions: Floats, rate: float, start: int = 0, stop: int | None = None) -> Tracks:
+def condition(
+    positions: Floats, features: FeatureSpecification, start: int = 0, stop: int | None = None
+) -> Tracks:
     """Return points ``start..stop-1`` of a grid, conditioned with all points that are given.
 
-    positions: (n, n_tracks, 3) [m], the hand's first; rate [Hz].
+    positions: (n, n_tracks, 3) [m], the hand's first, at the internal rate.
     """
     stop = len(positions) if stop is None else stop
-    placed, paces = _condition(np.ascontiguousarray(positions), rate, start, stop)
+    in_still = features.rate / features.still
+    placed, paces = _condition(np.ascontiguousarray(positions), in_still, start, stop)
     return Tracks(placed[0], paces[0], placed[1:], paces[1:])
 
 
 @njit(cache=True, nogil=True)
-def _condition(positions: Floats, rate: float, start: int, stop: int) -> tuple[Floats, Floats]:
+def _condition(positions: Floats, in_still: float, start: int, stop: int) -> tuple[Floats, Floats]:
+    """Return positions and paces; in_still: what a metre between two points is in speeds of stillness."""
     n, n_tracks, _ = positions.shape
     placed = np.full((n_tracks, stop - start, 3), np.nan)
     paces = np.full((n_tracks, stop - start), np.nan)
@@ -85,7 +88,7 @@ def _condition(positions: Floats, rate: float, start: int, stop: int) -> tuple[F
                 square = -NOISE_LEFT * _noise(positions[:, track], at)
                 for axis in range(3):
                     square += _slope(medians, axis, at - begin) ** 2
-                paces[track, at - start] = np.log(rate * np.sqrt(max(square, 0.0)) + STILL)
+                paces[track, at - start] = np.log1p(in_still * np.sqrt(max(square, 0.0)))
     return placed, paces
 
 
@@ -123,7 +126,7 @@ def _mean(values: Floats, at: int) -> Floats:
     total, weights = values[at].copy(), 1.0
     for off in range(1, HALF_MEAN + 1):
         if _paired(values, at, off):
-            weight = np.exp(-0.5 * (off / MEAN_SPREAD) ** 2)
+            weight = _OF_MEAN[off]
             total += weight * (values[at - off] + values[at + off])
             weights += 2.0 * weight
     mean: Floats = total / weights
@@ -156,7 +159,7 @@ def _slope(values: Floats, axis: int, at: int) -> float:
         value = values[near, axis]
         if not np.isnan(value):
             time = float(near - at)
-            weight = np.exp(-0.5 * (time / SLOPE_SPREAD) ** 2)
+            weight = _OF_SLOPE[near - at + HALF_SLOPE]
             w += weight
             wt += weight * time
             wx += weight * value
@@ -182,8 +185,8 @@ class Conditioned(NamedTuple):
 class Conditioner:
     """Conditions the grid of a stream, chunk by chunk: a point is ready ``REACH`` points later."""
 
-    def __init__(self, rate: float, n_tracks: int) -> None:
-        self._rate = rate
+    def __init__(self, features: FeatureSpecification, n_tracks: int) -> None:
+        self._features = features
         nothing: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._grid = Grid(np.empty(0), np.empty((0, n_tracks, 3)), nothing, nothing)
         self._ready = 0
@@ -213,7 +216,7 @@ class Conditioner:
     def _part(self, start: int, stop: int) -> Conditioned:
         known = np.minimum(np.arange(start, stop) + REACH, len(self._grid.times) - 1)
         return Conditioned(
-            condition(self._grid.positions, self._rate, start, stop),
+            condition(self._grid.positions, self._features, start, stop),
             self._grid.times[start:stop],
             self._grid.frames[start:stop],
             self._grid.released[known],

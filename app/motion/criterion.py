@@ -46,8 +46,8 @@ NEARER = 2.5
 class Scores(NamedTuple):
     """What classes say of segments, each (n_segments, n_classes).
 
-    criterion [nat], -inf where a class cannot be; ratio: log-likelihood ratio to the background [nat per
-    frame]; filling: index of the best.
+    criterion [nat], -inf where a class cannot be or an end point is a dropout; ratio: log-likelihood ratio
+    to the background [nat per frame]; filling: index of the best.
     """
 
     criterion: Floats
@@ -59,7 +59,8 @@ class Criterion:
     """The criterion of a model's classes on one table; fillings: (n_fillings, n_roles) objects in roles."""
 
     def __init__(self, model: Model, table_height: float, fillings: Indices) -> None:
-        self._states, self._table_height, self._fillings = states_of(model), table_height, fillings
+        self._states = states_of(model.actions, model.background)
+        self._table_height, self._fillings = table_height, fillings
         self._evidence, self._rate, self._rest = model.evidence, model.features.rate, model.rest
         self._tempo = np.array([action.tempo for action in model.actions])
         self._nearest = np.array([max(a.lengths.min() / NEARER, BLEND) for a in model.actions])
@@ -68,7 +69,7 @@ class Criterion:
     def __call__(self, tracks: Tracks, segments: Indices) -> Scores:
         """Return the scores of segments.
 
-        segments: (n_segments, 2) first and goal frame, neither a dropout of the hand.
+        segments: (n_segments, 2) first and goal frame.
         """
         way = np.linalg.norm(tracks.hand[segments[:, 1]] - tracks.hand[segments[:, 0]], axis=1)
         shape = (len(segments), len(self._nearest))

@@ -24,14 +24,8 @@ from app.motion.foresight import Outlook
 from app.motion.model import Model
 from app.motion.places import Places
 from app.motion.scoring import MOST_FRAMES, Indices
-from app.motion.search import Found
+from app.motion.search import SPACING, Found, bounds_of
 from app.motion.trajectory import Floats
-
-PACE = 2.5
-"""A movement may be this many times slower or faster than any that was demonstrated."""
-
-SPACING = 0.04
-"""Places lie so far apart [s]: in that time a hand that starts or stops hardly moves."""
 
 FINENESS = 50
 """Where a segment began is looked for to a share of one so many-th of its length."""
@@ -114,21 +108,21 @@ class Limits:
 
 def limits_of(model: Model, bound: float | None = None) -> Limits:
     """Return the limits that a model's demonstrations imply; bound [s]: by default the longest segment."""
-    rate = model.features.rate
-    durations = np.concatenate([action.durations for action in model.actions])
-    longest = int(np.ceil(durations.max() * PACE * rate))
-    forced = longest if bound is None else min(round(bound * rate), longest)
-    return Limits(rate, max(int(durations.min() / PACE * rate), 2), longest, forced)
+    rate, bounds = model.features.rate, bounds_of(model)
+    forced = bounds.longest if bound is None else min(round(bound * rate), bounds.longest)
+    return Limits(rate, bounds.shortest, bounds.longest, forced)
 
 
 class Alternative(NamedTuple):
     """A division that ends in something under way: a movement with an outlook, or rest without one.
 
-    value: of the whole; base: without what is under way [nat]; place, point: where it begins.
+    value: of the whole; base: without what is under way; unknown: of the whole if what is under way is of no
+    class [nat]; place, point: where it begins.
     """
 
     value: float
     base: float
+    unknown: float
     place: int
     point: int
     outlook: Outlook | None
@@ -138,7 +132,7 @@ class Decoder:
     """Finds the segments of a stream one after the other."""
 
     def __init__(self, parts: Parts, limits: Limits, origin: int = 0) -> None:
-        self._parts, self._limits = parts, limits
+        self._parts, self._limits, self._unknown = parts, limits, UNKNOWN * parts.typical
         self._n_points = origin
         self._places = Places(origin, 4 * (limits.horizon // limits.spacing + 2), PAUSE)
         self._pending: Indices = np.empty(0, dtype=np.int64)
@@ -175,7 +169,7 @@ class Decoder:
         places, worth = self._places, self._places.worth
         base, point = places.rested, int(places.points[-1])
         best = base + self._parts.rest(point, through)
-        found = [Alternative(best, base, places.newest, point, None)]
+        found = [Alternative(best, base, -np.inf, places.newest, point, None)]
         for place in self._onsets(through):
             most = self._parts.typical * (through - places.points[place])
             if worth[place] - START + most >= best - SURVIVING:
@@ -232,9 +226,9 @@ class Decoder:
     def _look(self, point: int, origins: Indices) -> None:
         """Let segments from these places to the newest compete for it."""
         segments = np.column_stack([self._places.points[origins], np.full(len(origins), point)])
-        unknown = UNKNOWN * self._parts.typical * (point - segments[:, 0])
         known = self._parts.criterion(segments).max(axis=1)
         if self._parts.seen(point):
+            unknown = self._unknown * (point - segments[:, 0])
             self._places.offer(origins, np.maximum(known, unknown) - START)
 
     def _onsets(self, through: int) -> list[int]:
@@ -256,7 +250,7 @@ class Decoder:
         if outlook is None:
             return None
         value = base + float(np.logaddexp.reduce(outlook.values, axis=None))
-        return Alternative(value, base, place, point, outlook)
+        return Alternative(value, base, base + self._unknown * (through - point), place, point, outlook)
 
     def _converge(self, through: int) -> list[Found]:
         """Decide what every surviving division has."""

@@ -62,7 +62,8 @@ class Foresight:
     """The outlook of a model's classes on one table; fillings: (n_fillings, n_roles)."""
 
     def __init__(self, model: Model, table_height: float, fillings: Indices) -> None:
-        self._states, self._table_height, self._fillings = states_of(model), table_height, fillings
+        self._states = states_of(model.actions, model.background)
+        self._table_height, self._fillings = table_height, fillings
         self._evidence, self._course = model.evidence, course_of(model)
 
     def __call__(self, tracks: Tracks, origin: int, through: int) -> Outlook:

@@ -18,9 +18,6 @@ REST = "rest"
 GOAL_FLOOR = 0.05
 """Hands end within so much of what they go for [m]."""
 
-TINY = 1e-300
-"""Keeps the logarithm of a weight of nothing finite."""
-
 
 @dataclass(frozen=True)
 class Expected:
@@ -65,17 +62,13 @@ class Belief:
     spreads: Floats
 
 
-def believe(alternatives: Sequence[Alternative], unknown: Sequence[float], n_classes: int) -> Belief:
-    """Return what alternatives, at least one, say together.
-
-    unknown: (n,) what each counts if the movement under way is of no class [nat].
-    """
-    both = zip(alternatives, unknown, strict=True)
-    begun = [(each.base, each.outlook, odd) for each, odd in both if each.outlook is not None]
+def believe(alternatives: Sequence[Alternative], n_classes: int) -> Belief:
+    """Return what alternatives, at least one, say together."""
+    begun = [(each.base, each.outlook, each.unknown) for each in alternatives if each.outlook is not None]
     resting = [each.value for each in alternatives if each.outlook is None]
     shape = (len(begun), n_classes, len(PHASES))
     known = np.array([base + outlook.values for base, outlook, _ in begun]).reshape(shape)
-    posteriors = softmax(np.concatenate([known.ravel(), [odd for _, _, odd in begun], resting]))
+    posteriors = softmax(np.concatenate([known.ravel(), [unknown for _, _, unknown in begun], resting]))
     of_known = posteriors[: known.size].reshape(shape)
     classes, gone = of_known.sum(axis=(0, 2)), of_known.sum(axis=0) @ PHASES
     nothing = [np.empty((0, 3))]
@@ -93,19 +86,20 @@ def believe(alternatives: Sequence[Alternative], unknown: Sequence[float], n_cla
 def expected(belief: Belief, names: Sequence[str]) -> tuple[Expected, ...]:
     """Return the actions that may be under way, the likely first."""
     actions = [
-        Expected(name, float(posterior), float(progress))
+        Expected(name, min(float(posterior), 1.0), float(progress))
         for name, posterior, progress in zip(names, belief.classes, belief.progress, strict=True)
     ]
-    actions += [Expected(None, belief.unknown, None), Expected(REST, belief.rest, None)]
+    actions += [Expected(None, min(belief.unknown, 1.0), None), Expected(REST, min(belief.rest, 1.0), None)]
     return tuple(sorted(actions, key=lambda each: -each.posterior))
 
 
 def likely_goals(belief: Belief, candidates: Mapping[str, Floats]) -> dict[str, float]:
     """Return the posterior of each candidate (3,) [m] to be where the movement under way goes."""
-    if not candidates or not belief.weights.any():
+    likely = belief.weights > 0.0
+    if not candidates or not likely.any():
         return {}
-    squares = np.square(np.array(list(candidates.values()))[:, None] - belief.goals).sum(axis=2)
-    spread = np.hypot(GOAL_FLOOR, belief.spreads)
-    densities = np.log(belief.weights + TINY) - 0.5 * squares / spread**2 - 3.0 * np.log(spread)
-    posteriors = softmax(logsumexp(densities, axis=1))
+    off = np.array(list(candidates.values()))[:, None] - belief.goals[likely]
+    spread = np.hypot(GOAL_FLOOR, belief.spreads[likely])
+    densities = -0.5 * np.square(off).sum(axis=2) / spread**2 - 3.0 * np.log(spread)
+    posteriors = softmax(logsumexp(densities + np.log(belief.weights[likely]), axis=1))
     return dict(zip(candidates, posteriors.tolist(), strict=True))

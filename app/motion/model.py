@@ -29,11 +29,13 @@ class FeatureSpecification:
     Of the movement: its deviation (three) and the height over the table [m] as in ``features.encode``, the
     pace of the hand (``conditioning``), and the *phase*, the share of the movement's time that has gone by.
     Of each role: the distance of its object to the hand [m] and the pace of the object. objects: the roles;
-    rate: the internal rate to which demonstrations and streams are resampled [Hz].
+    rate: the internal rate to which demonstrations and streams are resampled [Hz]; still: a hand slower than
+    this is about as good as still, below it are tremor and noise [m/s].
     """
 
     objects: tuple[str, ...] = ()
     rate: float = 50.0
+    still: float = 0.03
 
     @property
     def n_features(self) -> int:

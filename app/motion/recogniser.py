@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from app.motion.conditioning import Conditioned, Conditioner
-from app.motion.decoding import UNKNOWN, Decoder, limits_of
+from app.motion.decoding import Decoder, limits_of
 from app.motion.errors import InvalidTrajectory, RoleMissing
 from app.motion.hypothesis import Hypothesis, believe, expected, likely_goals
 from app.motion.model import Model
@@ -84,8 +84,7 @@ class Recogniser:
         self._objects = model.features.objects if objects is None else objects
         self._fillings = fillings(model.features.objects, self._objects)
         self._limits, self._bounds = limits_of(model, bound), bounds_of(model)
-        capacity = 4 * self._limits.longest + self._limits.spacing
-        self._window = Window(model, scene, self._fillings, len(self._objects), capacity)
+        self._window = Window(model, scene, self._fillings, len(self._objects), 2 * self._limits.horizon)
         self._period = Period(rate)
         self._gaps = Gaps()
         self._n_frames, self._time = 0, -np.inf
@@ -118,9 +117,7 @@ class Recogniser:
         alternatives = self._search.alternatives(through)
         if not alternatives:
             return None
-        typical = self._window.typical
-        unknown = [each.base + UNKNOWN * typical * (through - each.point) for each in alternatives]
-        belief = believe(alternatives, unknown, len(self._model.actions))
+        belief = believe(alternatives, len(self._model.actions))
         start = self._window.frame_of(alternatives[0].point)[0]
         return Hypothesis(
             start=start,
@@ -143,10 +140,9 @@ class Recogniser:
 
     def _begin(self, origin: int) -> None:
         """Start afresh: nothing that lies before has to do with what comes."""
-        rate = self._model.features.rate
         self._last: Boundary | None = None
-        self._resampler = Resampler(rate)
-        self._conditioner = Conditioner(rate, 1 + len(self._objects))
+        self._resampler = Resampler(self._model.features.rate)
+        self._conditioner = Conditioner(self._model.features, 1 + len(self._objects))
         self._search: Decoder | Search
         if self._method == "viterbi":
             self._search = Decoder(self._window, self._limits, origin)

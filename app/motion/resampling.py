@@ -19,7 +19,7 @@ MAX_PERIODS = 3.0
 """Frames farther apart than this many periods have a gap between them."""
 
 SMOOTHING = 0.02
-"""Standard deviation of the smoothing before training [s]."""
+"""Standard deviation of the smoothing of what is shown [s]."""
 
 _LEARNING = 16  # intervals from which the period of a stream without a declared rate is known
 _SAME = 1e-3  # a grid point this close to a frame, in intervals, is seen if the frame is: clocks are rounded
@@ -138,7 +138,7 @@ def resample(trajectory: Trajectory, rate: float) -> Trajectory:
 def smooth(trajectory: Trajectory, sigma: float = SMOOTHING) -> Trajectory:
     """Return the trajectory smoothed by a Gaussian of ``sigma`` [s]; its frames are evenly spaced.
 
-    Dropouts stay dropouts and do not spread (Sec. IV-A: spatial smoothing before training).
+    Dropouts stay dropouts and do not spread. What is learned and recognised goes through ``conditioning``.
     """
     if len(trajectory) < 2:
         return trajectory

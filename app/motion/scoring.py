@@ -18,6 +18,7 @@ object that behaves as the role's did in the demonstrations.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from scipy.special import gammaln
 
 from app.motion.conditioning import Tracks
 from app.motion.features import alignment
-from app.motion.model import N_OF_MOVEMENT, N_OF_ROLE, PACE, PHASE, ActionModel, Model
+from app.motion.model import N_OF_MOVEMENT, N_OF_ROLE, PACE, PHASE, ActionModel, Background
 from app.motion.trajectory import Floats
 
 Indices = NDArray[np.int64]
@@ -98,22 +99,22 @@ def predictive(action: ActionModel) -> tuple[float, Floats]:
     return n - 1.0, np.sqrt(action.variances * (n + 1.0) / (n - 1.0))
 
 
-def states_of(model: Model) -> States:
-    """Return the states of a model, ready for ``score_segments``."""
+def states_of(actions: Sequence[ActionModel], background: Background) -> States:
+    """Return the states of all classes, ready for ``score_segments``."""
     power, base, slope, stay, enter, leave = [], [], [], [], [], []
-    for action in model.actions:
+    for action in actions:
         freedom, scale = predictive(action)
         power.append((freedom + 1.0) / 2.0)
         log_peak = gammaln(power[-1]) - gammaln(freedom / 2.0) - 0.5 * np.log(np.pi * freedom)
-        base.append(np.exp((np.log(scale / model.background.width) - log_peak) / power[-1]))
+        base.append(np.exp((np.log(scale / background.width) - log_peak) / power[-1]))
         slope.append(base[-1] / (freedom * scale**2))
         stay.append(action.stay ** (1.0 / power[-1]))
         leave.append((1.0 - action.stay) ** (1.0 / power[-1]))
         enter.append(np.append(0.0, leave[-1][:-1]))
     return States(
-        first=np.cumsum([0, *(action.n_states for action in model.actions)]),
+        first=np.cumsum([0, *(action.n_states for action in actions)]),
         power=np.array(power),
-        mean=np.ascontiguousarray(np.vstack([action.means for action in model.actions]).T),
+        mean=np.ascontiguousarray(np.vstack([action.means for action in actions]).T),
         base=np.ascontiguousarray(np.vstack(base).T),
         slope=np.ascontiguousarray(np.vstack(slope).T),
         stay=np.concatenate(stay),

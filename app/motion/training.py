@@ -19,7 +19,6 @@ from app.motion.model import (
     PHASE,
     ActionModel,
     Background,
-    Familiarity,
     FeatureSpecification,
     Model,
 )
@@ -46,8 +45,8 @@ STATES = (4, 6, 8, 10, 12)
 PHASE_FLOOR = 0.05
 """Least standard deviation of a state in phase: nobody times a movement better than to a twentieth."""
 
-CONTEXT_FLOOR = 0.005
-"""Least standard deviation of a state in height and distances, which hang on no end point [m]."""
+CONTEXT_SHARE = 2.0 / 3.0
+"""Height and distances hang on no end point: they have this share of the least standard deviation."""
 
 PACE_FLOOR = 0.4
 """Least standard deviation of a state in the logarithm of a speed: people differ in pace by a third."""
@@ -69,8 +68,8 @@ class TrainingOptions:
     """How to train.
 
     n_states: number of states of every class, None to choose it for each from its demonstrations;
-    deviation_floor: least standard deviation of a state in the deviation from the straight line [m]; seed: of
-    the folds that choose the number of states.
+    deviation_floor: least standard deviation of a state in the deviation from the straight line, in height
+    and distances CONTEXT_SHARE of it [m]; seed: of the folds that choose the number of states.
     """
 
     n_states: int | None = None
@@ -137,17 +136,15 @@ def fit_model(
             models.append(_fit_further(known, new, features, options) if new else known)
     progress(len(examples), len(examples), "trained")
     frames = np.concatenate([example.sequence for of_class in examples.values() for example in of_class])
-    width = BACKGROUND * np.maximum(frames.std(axis=0), _floor(features, options))
+    background = Background(BACKGROUND * np.maximum(frames.std(axis=0), _floor(features, options)))
     shown = [(e.tracks, e.table_height, name) for name, of_class in examples.items() for e in of_class]
-    rest = rest_of([tracks for tracks, _, _ in shown])
-    unmeasured = Familiarity(np.ones(len(models)), np.zeros(len(models)))
-    model = Model(features, tuple(models), Background(width), unmeasured, rest)
-    return replace(model, familiarity=familiarity_of(model, shown))
+    familiarity, rest = familiarity_of(models, background, shown), rest_of([each for each, _, _ in shown])
+    return Model(features, tuple(models), background, familiarity, rest)
 
 
 def _floor(features: FeatureSpecification, options: TrainingOptions) -> Floats:
     """Return the (n_features,) least standard deviations."""
-    floor = np.full(features.n_features, CONTEXT_FLOOR)
+    floor = np.full(features.n_features, CONTEXT_SHARE * options.deviation_floor)
     floor[:N_DEVIATIONS] = options.deviation_floor
     floor[PACE], floor[PHASE] = PACE_FLOOR, PHASE_FLOOR
     floor[N_OF_MOVEMENT + 1 :: N_OF_ROLE] = PACE_FLOOR
@@ -159,7 +156,7 @@ def conditioned(demonstration: Demonstration, features: FeatureSpecification) ->
     trajectory = resample(demonstration.trajectory, features.rate)
     present = np.flatnonzero(~np.isnan(trajectory.hand).any(axis=1))
     positions = stack(trajectory, features.objects)[: present[-1] + 1]
-    return condition(positions, features.rate)
+    return condition(positions, features)
 
 
 def observe(tracks: Tracks, table_height: float) -> Floats:

@@ -32,7 +32,7 @@ class Window:
     def __init__(self, model: Model, scene: Scene, fillings: Indices, n_objects: int, capacity: int) -> None:
         self._criterion = Criterion(model, scene.table_height, fillings)
         self._foresight = Foresight(model, scene.table_height, fillings)
-        self._n_classes, self._capacity = len(model.actions), capacity
+        self._capacity = capacity
         shortest = min(float(action.durations.min()) for action in model.actions)
         self._turn = round(min(TURN, TURN_SHARE * shortest) * model.features.rate)
         size = capacity + REACH
@@ -58,29 +58,21 @@ class Window:
         """Take a point; what lies before ``origin`` is forgotten where its place is needed."""
         if not self.has_room:
             self._forget(origin)
-        self._write(ready, index, self.n_points - self._begin)
+        self._write(ready, slice(index, index + 1))
         self.n_points += 1
 
     def look_ahead(self, ahead: Conditioned) -> int:
         """Take points that are not ready, until the next is appended; return the number of the last point."""
-        for index in range(len(ahead.times)):
-            self._write(ahead, index, self.n_points - self._begin + index)
+        self._write(ahead, slice(0, len(ahead.times)))
         return self.n_points + len(ahead.times) - 1
 
     def seen(self, point: int) -> bool:
         """Return whether the hand was seen at a point."""
-        return bool(self._seen(np.array([point - self._begin]))[0])
+        return not np.isnan(self._tracks.hand[point - self._begin, 0])
 
     def scores(self, segments: Indices) -> Scores:
-        """Return the scores of (n, 2) segments, -inf where an end point is a dropout."""
-        places = segments - self._begin
-        seen = self._seen(places[:, 0]) & self._seen(places[:, 1])
-        shape = (len(segments), self._n_classes)
-        result = Scores(np.full(shape, -np.inf), np.full(shape, -np.inf), np.zeros(shape, dtype=np.int64))
-        if seen.any():
-            for whole, part in zip(result, self._criterion(self._tracks, places[seen]), strict=True):
-                whole[seen] = part
-        return result
+        """Return the scores of (n, 2) segments."""
+        return self._criterion(self._tracks, segments - self._begin)
 
     def criterion(self, segments: Indices) -> Floats:
         """Return the (n, n_classes) criterion alone [nat]."""
@@ -113,7 +105,7 @@ class Window:
         if not weights[place - low]:
             return point
         middle = round(float(np.average(np.arange(low, high), weights=weights)))
-        return self._begin + middle if self._seen(np.array([middle]))[0] else point
+        return self._begin + middle if self.seen(self._begin + middle) else point
 
     def objects(self, point: int) -> Floats:
         """Return (n_objects, 3) positions of the objects at a point [m], NaN where not seen."""
@@ -124,16 +116,14 @@ class Window:
         place = point - self._begin
         return int(self._frames[place]), float(self._times[place])
 
-    def _seen(self, places: Indices) -> Flags:
-        seen: Flags = ~np.isnan(self._tracks.hand[places, 0])
-        return seen
-
-    def _write(self, ready: Conditioned, index: int, place: int) -> None:
-        tracks = ready.tracks
-        self._frames[place], self._times[place] = ready.frames[index], ready.times[index]
-        self._tracks.hand[place], self._tracks.pace[place] = tracks.hand[index], tracks.pace[index]
-        self._tracks.objects[:, place] = tracks.objects[:, index]
-        self._tracks.paces[:, place] = tracks.paces[:, index]
+    def _write(self, ready: Conditioned, part: slice) -> None:
+        """Write some points behind those that are there."""
+        first = self.n_points - self._begin
+        places = slice(first, first + part.stop - part.start)
+        mine, theirs = self._tracks, ready.tracks
+        self._frames[places], self._times[places] = ready.frames[part], ready.times[part]
+        mine.hand[places], mine.pace[places] = theirs.hand[part], theirs.pace[part]
+        mine.objects[:, places], mine.paces[:, places] = theirs.objects[:, part], theirs.paces[:, part]
 
     def _forget(self, origin: int) -> None:
         begin = min(origin, self.n_points)

@@ -150,6 +150,8 @@ def _check(model: Model) -> None:
     features = model.features
     if not 0 < features.rate <= MAX_RATE:
         raise ArtifactInvalid("features.rate", f"must be positive and at most {MAX_RATE:g} Hz")
+    if not 0 < features.still < np.inf:
+        raise ArtifactInvalid("features.still", "must be positive and finite")
     if len(set(features.objects)) < len(features.objects):
         raise ArtifactInvalid("features.objects", "must differ")
     if not model.actions:

@@ -46,12 +46,12 @@ def gap(event: Gap) -> dict[str, Any]:
 def hypothesis(found: Hypothesis) -> str:
     """Return a ``hypothesis`` message; it has ``goals`` where there are candidates, the likely first."""
     ranked = sorted(found.goals.items(), key=lambda goal: -goal[1])
-    goals = [{"name": name, "posterior": _share(posterior)} for name, posterior in ranked]
+    goals = [{"name": name, "posterior": posterior} for name, posterior in ranked]
     fields = {
         "start_seq": found.start,
         "through_seq": found.through,
         "actions": [
-            {"action": each.action, "posterior": _share(each.posterior), "progress": each.progress}
+            {"action": each.action, "posterior": each.posterior, "progress": each.progress}
             for each in found.actions
         ],
     }
@@ -68,11 +68,6 @@ def frame(seq: int, row: Floats, objects: Sequence[str]) -> str:
         "objects": dict(zip(objects, others, strict=True)),
     }
     return as_json({"type": "frame", **fields})
-
-
-def _share(posterior: float) -> float:
-    """Return it without what rounding has put above 1."""
-    return min(posterior, 1.0)
 
 
 def _positions(row: Floats) -> Iterator[list[float] | None]:

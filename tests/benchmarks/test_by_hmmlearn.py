@@ -17,7 +17,7 @@ from benchmarks.by_hmmlearn import Indices, PlainCriterion
 def test_both_give_the_same(trained: Model, fillings: Indices) -> None:
     positions = stack(resample(recording(3).trajectory, trained.features.rate), trained.features.objects)
     beside = positions[:, 1:] + np.array([0.05, 0.02, 0.0])
-    tracks = condition(np.concatenate([positions, beside], axis=1), trained.features.rate)
+    tracks = condition(np.concatenate([positions, beside], axis=1), trained.features)
     segments = np.array([[0, 30], [0, 5], [10, 70], [40, 90]])
     ours = Criterion(trained, 0.1, fillings)(tracks, segments)
     theirs = PlainCriterion(trained, 0.1, fillings)(tracks, segments)

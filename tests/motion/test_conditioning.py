@@ -19,16 +19,17 @@ from app.motion.conditioning import (
     NOISE_LEFT,
     REACH,
     SLOPE_SPREAD,
-    STILL,
     Conditioned,
     Conditioner,
     Tracks,
     condition,
 )
+from app.motion.model import FeatureSpecification
 from app.motion.resampling import Grid
 from app.motion.trajectory import Floats
 
-RATE = 50.0
+OBSERVED = FeatureSpecification()
+RATE, STILL = OBSERVED.rate, OBSERVED.still
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -63,7 +64,7 @@ def joined(parts: Sequence[Tracks]) -> Tracks:
 
 def streamed(grid: Grid, cuts: Sequence[int]) -> list[Conditioned]:
     """Return what becomes of a grid that comes in parts."""
-    conditioner = Conditioner(RATE, grid.positions.shape[1])
+    conditioner = Conditioner(OBSERVED, grid.positions.shape[1])
     edges = [0, *sorted(cuts), len(grid.times)]
     ready = [conditioner.push(part_of(grid, start, stop)) for start, stop in pairwise(edges)]
     return [*ready, conditioner.finish()]
@@ -109,18 +110,18 @@ def plainly(track: Floats) -> tuple[Floats, Floats]:
 @given(seeds, st.integers(0, 40), st.sampled_from([0.0, 0.3, 0.8]))
 def test_is_what_its_description_says(seed: int, n: int, lost: float) -> None:
     positions = walk(np.random.default_rng(seed), n, lost=lost)
-    found = condition(positions, RATE)
+    found = condition(positions, OBSERVED)
     for track, place, pace in ((0, found.hand, found.pace), (1, found.objects[0], found.paces[0])):
         places, speeds = plainly(positions[:, track])
         np.testing.assert_allclose(place, places, atol=1e-12)
-        np.testing.assert_allclose(pace, np.log(speeds + STILL), atol=1e-9)
+        np.testing.assert_allclose(pace, np.log1p(speeds / STILL), atol=1e-9)
 
 
 @given(seeds, st.integers(1, 60), st.lists(st.integers(0, 60), max_size=12))
 def test_chunks_do_not_matter_to_the_last_bit(seed: int, n: int, cuts: list[int]) -> None:
     grid = grid_of(walk(np.random.default_rng(seed), n, lost=0.2))
     parts = streamed(grid, [min(cut, n) for cut in cuts])
-    same(joined([each.tracks for each in parts]), condition(grid.positions, RATE))
+    same(joined([each.tracks for each in parts]), condition(grid.positions, OBSERVED))
     np.testing.assert_array_equal(np.concatenate([each.times for each in parts]), grid.times)
     np.testing.assert_array_equal(np.concatenate([each.frames for each in parts]), grid.frames)
     released = np.concatenate([each.released for each in parts])
@@ -129,7 +130,7 @@ def test_chunks_do_not_matter_to_the_last_bit(seed: int, n: int, cuts: list[int]
 
 @given(seeds, st.integers(2, 60))
 def test_a_point_is_ready_when_it_says_so_and_not_before(seed: int, n: int) -> None:
-    grid, conditioner = grid_of(walk(np.random.default_rng(seed), n)), Conditioner(RATE, 2)
+    grid, conditioner = grid_of(walk(np.random.default_rng(seed), n)), Conditioner(OBSERVED, 2)
     for at in range(n):
         ready = conditioner.push(part_of(grid, at, at + 1))
         np.testing.assert_array_equal(ready.frames, grid.frames[max(at - REACH, 0) : max(at - REACH + 1, 0)])
@@ -140,10 +141,10 @@ def test_a_point_is_ready_when_it_says_so_and_not_before(seed: int, n: int) -> N
 
 @given(seeds, st.integers(1, 40))
 def test_what_lies_ahead_is_what_an_end_here_would_give(seed: int, n: int) -> None:
-    grid, conditioner = grid_of(walk(np.random.default_rng(seed), n, lost=0.2)), Conditioner(RATE, 2)
+    grid, conditioner = grid_of(walk(np.random.default_rng(seed), n, lost=0.2)), Conditioner(OBSERVED, 2)
     ready = [conditioner.push(part_of(grid, at, at + 1)).tracks for at in range(n)]
     ahead = conditioner.ahead()
-    same(joined([*ready, ahead.tracks]), condition(grid.positions, RATE))
+    same(joined([*ready, ahead.tracks]), condition(grid.positions, OBSERVED))
     for other in (conditioner.ahead(), conditioner.finish()):
         same(other.tracks, ahead.tracks)
         np.testing.assert_array_equal(other.frames, ahead.frames)
@@ -157,7 +158,7 @@ def test_a_point_depends_on_those_within_reach_alone(seed: int, at: int) -> None
     elsewhere = here + rng.normal(0.0, 5.0, here.shape)
     near = np.abs(np.arange(40) - at) <= REACH
     elsewhere[near] = here[near]
-    same(condition(elsewhere, RATE).part(at, at + 1), condition(here, RATE).part(at, at + 1))
+    same(condition(elsewhere, OBSERVED).part(at, at + 1), condition(here, OBSERVED).part(at, at + 1))
 
 
 @given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.integers(1, 40), seeds, st.sampled_from([0.0, 0.4]))
@@ -167,13 +168,13 @@ def test_steady_movement_is_kept_to_its_ends(along: float, up: float, n: int, se
     seen = np.random.default_rng(seed).random(n) >= lost
     hand[~seen] = np.nan
     found, n_near = (
-        condition(hand[:, None], RATE),
+        condition(hand[:, None], OBSERVED),
         np.convolve(seen, np.ones(2 * HALF_SLOPE + 1))[HALF_SLOPE:],
     )
     np.testing.assert_allclose(found.hand, hand, atol=1e-12)
     speed = float(np.linalg.norm(velocity))
     known = seen & (n_near[:n] > 1.5)
-    np.testing.assert_allclose(found.pace[known], np.log(speed + STILL), atol=1e-9)
+    np.testing.assert_allclose(found.pace[known], np.log1p(speed / STILL), atol=1e-9)
 
 
 @given(seeds, st.integers(REACH, 24), st.integers(1, HALF_MEDIAN))
@@ -181,7 +182,7 @@ def test_frames_thrown_off_vanish(seed: int, at: int, n_off: int) -> None:
     still = np.full((40, 1, 3), 0.2)
     thrown = still.copy()
     thrown[at : at + n_off] += np.random.default_rng(seed).normal(0.0, 1.0, (n_off, 1, 3))
-    for one, other in zip(condition(thrown, RATE), condition(still, RATE), strict=True):
+    for one, other in zip(condition(thrown, OBSERVED), condition(still, OBSERVED), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)
 
 
@@ -189,22 +190,22 @@ def test_frames_thrown_off_vanish(seed: int, at: int, n_off: int) -> None:
 def test_noise_does_not_look_like_speed(size: float) -> None:
     """What noise leaves in the squares of speeds is taken off: two fifths of a still hand's are nothing."""
     rng = np.random.default_rng(1)
-    still = condition(rng.normal(0.0, size, (5000, 1, 3)), RATE).pace
-    assert np.quantile(np.exp(still) - STILL, 0.4) < 1e-9
+    still = condition(rng.normal(0.0, size, (5000, 1, 3)), OBSERVED).pace
+    assert np.quantile(STILL * np.expm1(still), 0.4) < 1e-9
 
 
 @pytest.mark.parametrize("size", [0.0003, 0.001, 0.003])
 def test_a_moving_hand_keeps_its_speed_whatever_its_noise(size: float) -> None:
     rng, velocity = np.random.default_rng(2), np.array([0.6, -0.3, 0.2])
     hand = np.arange(5000)[:, None] / RATE * velocity + rng.normal(0.0, size, (5000, 3))
-    squares = np.square(np.exp(condition(hand[:, None], RATE).pace) - STILL)
+    squares = np.square(STILL * np.expm1(condition(hand[:, None], OBSERVED).pace))
     assert squares.mean() == pytest.approx(np.square(velocity).sum(), rel=0.02)
 
 
 @given(seeds, st.floats(0.0, 1.0))
 def test_dropouts_stay_dropouts_and_nothing_else_becomes_one(seed: int, lost: float) -> None:
     positions = walk(np.random.default_rng(seed), 40, lost=lost)
-    found, missing = condition(positions, RATE), np.isnan(positions[:, :, 0])
+    found, missing = condition(positions, OBSERVED), np.isnan(positions[:, :, 0])
     np.testing.assert_array_equal(np.isnan(found.hand), np.repeat(missing[:, :1], 3, axis=1))
     np.testing.assert_array_equal(np.isnan(found.pace), missing[:, 0])
     np.testing.assert_array_equal(np.isnan(found.objects[0, :, 0]), missing[:, 1])
@@ -216,7 +217,7 @@ def test_turns_and_shifts_with_the_world(seed: int, lost: float) -> None:
     rng = np.random.default_rng(seed)
     positions, shift = walk(rng, 30, lost=lost), rng.normal(0.0, 1.0, 3)
     rotation, _ = np.linalg.qr(rng.normal(0.0, 1.0, (3, 3)))
-    found, turned = condition(positions, RATE), condition(positions @ rotation.T + shift, RATE)
+    found, turned = condition(positions, OBSERVED), condition(positions @ rotation.T + shift, OBSERVED)
     np.testing.assert_allclose(turned.hand, found.hand @ rotation.T + shift, atol=1e-12)
     np.testing.assert_allclose(turned.objects, found.objects @ rotation.T + shift, atol=1e-12)
     np.testing.assert_allclose(turned.pace, found.pace, atol=1e-9)
@@ -226,4 +227,4 @@ def test_turns_and_shifts_with_the_world(seed: int, lost: float) -> None:
 @pytest.mark.parametrize(("start", "stop"), [(0, 0), (0, 3), (7, 20), (30, 40), (40, 40)])
 def test_a_part_is_that_of_the_whole(start: int, stop: int) -> None:
     positions = walk(np.random.default_rng(1), 40, lost=0.1)
-    same(condition(positions, RATE, start, stop), condition(positions, RATE).part(start, stop))
+    same(condition(positions, OBSERVED, start, stop), condition(positions, OBSERVED).part(start, stop))

@@ -22,7 +22,9 @@ SEGMENTS = np.array([[0, 20], [0, 33], [5, 33], [10, 30]])
 def test_weighs_ratios_and_durations(trained: Model) -> None:
     tracks = conditioned(demonstrations(3)[0], trained.features)
     found = Criterion(trained, TABLE, ONE)(tracks, SEGMENTS)
-    ratios, filled = score_segments(tracks, TABLE, SEGMENTS, states_of(trained), ONE)
+    ratios, filled = score_segments(
+        tracks, TABLE, SEGMENTS, states_of(trained.actions, trained.background), ONE
+    )
     seconds = (SEGMENTS[:, 1] - SEGMENTS[:, 0]) / trained.features.rate
     n_frames = (SEGMENTS[:, 1] - SEGMENTS[:, 0] + 1)[:, None]
     way = np.linalg.norm(tracks.hand[SEGMENTS[:, 1]] - tracks.hand[SEGMENTS[:, 0]], axis=1)

@@ -17,7 +17,6 @@ from app.motion.criterion import PAUSE, START
 from app.motion.decoding import (
     CONVERGE_EVERY,
     FINENESS,
-    PACE,
     SETTLED,
     SURVIVING,
     UNKNOWN,
@@ -28,7 +27,7 @@ from app.motion.decoding import (
 from app.motion.foresight import Outlook
 from app.motion.model import Model
 from app.motion.scoring import Indices
-from app.motion.search import Found
+from app.motion.search import PACE, Found
 from app.motion.trajectory import Flags, Floats
 
 LAW = settings(derandomize=True, deadline=None, max_examples=100)

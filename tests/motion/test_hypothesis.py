@@ -26,8 +26,9 @@ def alternatives_of(rng: np.random.Generator, n_begun: int, n_resting: int) -> l
         for _ in range(n_begun)
     ]
     return [
-        Alternative(float(rng.normal(0.0, 5.0)), float(rng.normal(0.0, 5.0)), at, at, outlook)
+        Alternative(value, base, unknown, at, at, outlook)
         for at, outlook in enumerate([*begun, *[None] * n_resting])
+        for value, base, unknown in [rng.normal(0.0, 5.0, 3).tolist()]
     ]
 
 
@@ -35,13 +36,14 @@ def alternatives_of(rng: np.random.Generator, n_begun: int, n_resting: int) -> l
 def test_posteriors_are_shares_of_one_in_their_order(seed: int, n_begun: int, n_resting: int) -> None:
     rng = np.random.default_rng(seed)
     alternatives = alternatives_of(rng, n_begun, max(n_resting, 1 - n_begun))
-    belief = believe(alternatives, rng.normal(0.0, 5.0, len(alternatives)).tolist(), len(NAMES))
+    belief = believe(alternatives, len(NAMES))
     found = expected(belief, NAMES)
     assert {each.action for each in found} == {*NAMES, None, REST}
     posteriors = [each.posterior for each in found]
     assert sum(posteriors) == pytest.approx(1.0)
     assert posteriors == sorted(posteriors, reverse=True)
     assert min(posteriors) >= 0.0
+    assert max(posteriors) <= 1.0
     for each in found:
         if each.action in NAMES:
             assert each.progress is not None
@@ -54,17 +56,16 @@ def test_posteriors_are_shares_of_one_in_their_order(seed: int, n_begun: int, n_
 def test_posteriors_are_those_of_all_that_may_be(seed: int, n_begun: int) -> None:
     rng = np.random.default_rng(seed)
     alternatives = alternatives_of(rng, n_begun, 1)
-    unknown = rng.normal(0.0, 5.0, n_begun + 1).tolist()
     weights: dict[str | None, float] = {**dict.fromkeys(NAMES, 0.0), None: 0.0}
     weights[REST] = float(np.exp(alternatives[-1].value))
     gone: dict[str | None, float] = {**dict.fromkeys(NAMES, 0.0)}
-    for each, odd in zip(alternatives[:-1], unknown, strict=False):
+    for each in alternatives[:-1]:
         assert each.outlook is not None
-        weights[None] += np.exp(odd)
+        weights[None] += np.exp(each.unknown)
         for name, values in zip(NAMES, each.outlook.values, strict=True):
             weights[name] += np.exp(each.base + values).sum()
             gone[name] += (np.exp(each.base + values) * PHASES).sum()
-    for found in expected(believe(alternatives, unknown, len(NAMES)), NAMES):
+    for found in expected(believe(alternatives, len(NAMES)), NAMES):
         assert found.posterior == pytest.approx(weights[found.action] / sum(weights.values()))
         if found.action in gone:
             assert found.progress == pytest.approx(gone[found.action] / weights[found.action])
@@ -73,9 +74,11 @@ def test_posteriors_are_those_of_all_that_may_be(seed: int, n_begun: int) -> Non
 @given(seeds, st.floats(-1e6, 1e6))
 def test_only_differences_matter(seed: int, off: float) -> None:
     alternatives = alternatives_of(np.random.default_rng(seed), 2, 1)
-    lifted = [each._replace(value=each.value + off, base=each.base + off) for each in alternatives]
-    one = believe(alternatives, [1.0, 2.0, 0.0], len(NAMES))
-    other = believe(lifted, [1.0 + off, 2.0 + off, off], len(NAMES))
+    lifted = [
+        each._replace(value=each.value + off, base=each.base + off, unknown=each.unknown + off)
+        for each in alternatives
+    ]
+    one, other = (believe(each, len(NAMES)) for each in (alternatives, lifted))
     np.testing.assert_allclose(other.classes, one.classes, atol=1e-8)
     assert (other.rest, other.unknown) == pytest.approx((one.rest, one.unknown), abs=1e-8)
 
@@ -84,7 +87,7 @@ def test_only_differences_matter(seed: int, off: float) -> None:
 def test_goals_are_shares_of_one(seed: int, n_candidates: int) -> None:
     rng = np.random.default_rng(seed)
     candidates = {f"place {at}": rng.normal(0.0, 0.5, 3) for at in range(n_candidates)}
-    belief = believe(alternatives_of(rng, 2, 1), [0.0, 0.0, 0.0], len(NAMES))
+    belief = believe(alternatives_of(rng, 2, 1), len(NAMES))
     found = likely_goals(belief, candidates)
     assert found.keys() == candidates.keys()
     assert sum(found.values()) == pytest.approx(1.0)
@@ -103,16 +106,16 @@ def test_the_nearer_goal_is_the_likelier_and_the_surer_the_less_is_left() -> Non
             np.broadcast_to([0.3, 0.0, 0.0], begun.outlook.goals.shape),
             np.full_like(begun.outlook.spreads, spread),
         )
-        belief = believe([begun._replace(outlook=outlook)], [-1e9], len(NAMES))
+        belief = believe([begun._replace(outlook=outlook, unknown=-1e9)], len(NAMES))
         shares.append(likely_goals(belief, candidates)["near"])
     assert 0.5 < shares[0] < shares[1] < shares[2]
 
 
 def test_without_candidates_or_movement_no_goal_is_told() -> None:
     rng = np.random.default_rng(1)
-    moving = believe(alternatives_of(rng, 1, 1), [0.0, 0.0], len(NAMES))
+    moving = believe(alternatives_of(rng, 1, 1), len(NAMES))
     assert likely_goals(moving, {}) == {}
-    resting = believe(alternatives_of(rng, 0, 1), [0.0], len(NAMES))
+    resting = believe(alternatives_of(rng, 0, 1), len(NAMES))
     assert likely_goals(resting, {"cup": np.zeros(3)}) == {}
     assert resting.rest == 1.0
     nothing = replace(moving, weights=np.zeros_like(moving.weights))

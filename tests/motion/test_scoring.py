@@ -88,7 +88,9 @@ def named(model: Model) -> Indices:
 
 
 def ratios(model: Model, motion: Tracks, segments: Indices | Sequence[Sequence[int]]) -> Floats:
-    result: Floats = score_segments(motion, TABLE, np.array(segments), states_of(model), named(model))[0]
+    result: Floats = score_segments(
+        motion, TABLE, np.array(segments), states_of(model.actions, model.background), named(model)
+    )[0]
     return result
 
 
@@ -198,7 +200,7 @@ def test_the_unit_of_length_does_not_matter(seed: int, unit: float) -> None:
         replace(action, means=units * action.means, variances=units**2 * action.variances)
         for action in model.actions
     )
-    states = states_of(replace(model, actions=actions, background=Background(units * model.background.width)))
+    states = states_of(actions, Background(units * model.background.width))
     scaled = motion._replace(hand=unit * motion.hand, objects=unit * motion.objects)
     found, _ = score_segments(scaled, unit * TABLE, segments, states, named(model))
     np.testing.assert_allclose(found, ratios(model, motion, segments), atol=1e-8)
@@ -209,7 +211,7 @@ def test_the_unit_of_length_does_not_matter(seed: int, unit: float) -> None:
 def test_the_best_filling_counts(seed: int, n_fillings: int) -> None:
     rng = np.random.default_rng(seed)
     model, motion = model_of(rng, (2, 5), 2), motion_of(rng, 40, 4)
-    segments, states = segments_of(rng, 40, 5), states_of(model)
+    segments, states = segments_of(rng, 40, 5), states_of(model.actions, model.background)
     fillings = rng.integers(0, 4, (n_fillings, 2))
     found, filled = score_segments(motion, TABLE, segments, states, fillings)
     singly = np.array([score_segments(motion, TABLE, segments, states, each[None])[0] for each in fillings])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.motion.conditioning import STILL, Tracks
+from app.motion.conditioning import Tracks
 from app.motion.model import Model
 from app.motion.simulation import demonstrations
 from app.motion.standing import REST_SPREAD, SHARPER, familiarity_of, rest_of
@@ -30,7 +30,7 @@ def test_rest_is_never_without_spread() -> None:
 
 
 def test_hands_that_stand_still_rest_at_the_pace_of_stillness(trained: Model) -> None:
-    assert np.log(STILL) < trained.rest.pace < np.log(0.1)
+    assert 0.0 < trained.rest.pace < np.log1p(0.07 / trained.features.still)
 
 
 def shown(trained: Model) -> list[tuple[Tracks, float, str]]:
@@ -38,17 +38,17 @@ def shown(trained: Model) -> list[tuple[Tracks, float, str]]:
 
 
 def test_a_class_knows_its_own_better_than_others(trained: Model) -> None:
-    found = familiarity_of(trained, shown(trained))
+    found = familiarity_of(trained.actions, trained.background, shown(trained))
     assert (found.typical > 0.0).all()
     assert (found.least >= 0.0).all()
     assert (found.least <= found.typical / 2.0).all()
 
 
 def test_a_class_is_typical_of_its_own_alone(trained: Model) -> None:
-    of_all = familiarity_of(trained, shown(trained))
+    of_all = familiarity_of(trained.actions, trained.background, shown(trained))
     for k, name in enumerate(trained.names):
         own = [each for each in shown(trained) if each[2] == name]
-        found = familiarity_of(trained, own)
+        found = familiarity_of(trained.actions, trained.background, own)
         assert found.typical[k] == of_all.typical[k]
         assert found.least[k] == 0.0
         np.testing.assert_array_equal(np.delete(found.typical, k), 0.0)
@@ -56,9 +56,7 @@ def test_a_class_is_typical_of_its_own_alone(trained: Model) -> None:
 
 def test_what_others_get_is_what_a_movement_must_get(trained: Model) -> None:
     """Half of the demonstrations of other classes get less, unless half of what is typical is less still."""
-    alike = replace(
-        trained, actions=(replace(trained.action("push"), action="shove"), trained.action("push"))
-    )
+    alike = (replace(trained.action("push"), action="shove"), trained.action("push"))
     mixed = [(*each[:2], name) for each in shown(trained) if each[2] == "push" for name in ("push", "shove")]
-    found = familiarity_of(alike, mixed)
+    found = familiarity_of(alike, trained.background, mixed)
     np.testing.assert_allclose(found.least, found.typical / 2.0)

@@ -11,13 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.motion.baum_welch import Chain, log_likelihoods, repetition, train_chain
-from app.motion.conditioning import STILL
 from app.motion.errors import FitFailed, RoleMissing, UnusableDemonstration
 from app.motion.model import N_OF_MOVEMENT, N_OF_ROLE, PACE, PHASE, ActionModel, FeatureSpecification, Model
 from app.motion.simulation import demonstrations
 from app.motion.training import (
     BACKGROUND,
-    CONTEXT_FLOOR,
+    CONTEXT_SHARE,
     MIN_FRAMES,
     PACE_FLOOR,
     PHASE_FLOOR,
@@ -127,7 +126,8 @@ def test_demonstrations_that_are_all_alike_have_floored_spread() -> None:
     options = TrainingOptions(n_states=4, deviation_floor=0.01)
     [action] = fit_model([reach(noise=0.0)] * 3, SPECIFICATION, options).actions
     spreads = np.sqrt(action.variances)
-    floors = [0.01, 0.01, 0.01, CONTEXT_FLOOR, PACE_FLOOR, PHASE_FLOOR, CONTEXT_FLOOR, PACE_FLOOR]
+    context = 0.01 * CONTEXT_SHARE
+    floors = [0.01, 0.01, 0.01, context, PACE_FLOOR, PHASE_FLOOR, context, PACE_FLOOR]
     assert (spreads >= np.array(floors) - 1e-12).all()
     np.testing.assert_allclose(spreads[:, [1, N_OF_MOVEMENT + 1]], [[0.01, PACE_FLOOR]] * 4)
 
@@ -149,13 +149,13 @@ def test_features_are_those_of_the_whole_movement_in_time() -> None:
     assert len(features) == pytest.approx(30 - 5, abs=1)
     np.testing.assert_allclose(features[:, :3], 0.0, atol=0.02)
     np.testing.assert_allclose(features[:, 3], 0.5, atol=0.02)
-    np.testing.assert_allclose(features[:, PACE], np.log(0.3 / 0.59 + STILL), atol=1e-9)
+    np.testing.assert_allclose(features[:, PACE], np.log1p(0.3 / 0.59 / SPECIFICATION.still), atol=1e-9)
     phase = features[:, PHASE]
     assert (phase[0], phase[-1]) == (0.0, 1.0)
     assert np.diff(phase).max() == pytest.approx(6 / 29, abs=0.05)
     distance, pace_of_object = features[:, N_OF_MOVEMENT : N_OF_MOVEMENT + N_OF_ROLE].T
     np.testing.assert_allclose(distance, 0.3 * (1.0 - phase), atol=0.02)
-    np.testing.assert_allclose(pace_of_object, np.log(STILL), atol=1e-9)
+    np.testing.assert_allclose(pace_of_object, 0.0, atol=1e-9)
 
 
 def test_a_demonstration_ends_with_the_last_point_that_is_seen() -> None:
