@@ -1,4 +1,9 @@
-"""The command ``gesta``."""
+"""The command ``gesta``.
+
+Each command imports what it needs when it runs: a server loads nothing of the worker, the worker nothing of
+the server, and neither waits for the other's libraries.
+"""
+# ruff: noqa: PLC0415
 
 from __future__ import annotations
 
@@ -11,20 +16,13 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from pydantic import ValidationError
 
-from app.api.stream_server import StreamServer, stream_config
-from app.demo import demo
-from app.main import create_app, open_lab
-from app.motion.warming import warm
-from app.registry.database import Database
-from app.registry.errors import InvalidUrl
-from app.registry.store import Store
-from app.service.worker import work
-from app.settings import Settings
+if TYPE_CHECKING:
+    from app.settings import Settings
 
 cli = typer.Typer(
     help="Gesta learns actions from demonstrations, recognises them in streams, re-enacts them.",
@@ -42,6 +40,9 @@ def serve(
     port: Annotated[int | None, typer.Option(help="Port to listen on (GESTA_PORT).")] = None,
 ) -> None:
     """Serve the API; with the embedded worker also do the jobs."""
+    from app.api.stream_server import StreamServer, stream_config
+    from app.main import create_app
+
     settings = _settings(host=host, port=port)
     try:
         listener = socket.create_server((settings.host, settings.port), backlog=2048)
@@ -62,10 +63,14 @@ def worker(
     parent: Annotated[int | None, typer.Option(hidden=True, help="Stop with this process.")] = None,
 ) -> None:
     """Do the jobs: trainings and long recordings."""
+    from app.service.lab import open_lab
+    from app.service.worker import work
+
     stopped = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopped.set())
-    lab = open_lab(_settings())
+    settings = _settings()
+    lab = open_lab(settings.database_url, settings.store_url)
     try:
         work(lab, lambda: stopped.is_set() or parent not in (None, os.getppid()))
     finally:
@@ -75,6 +80,8 @@ def worker(
 @cli.command()
 def migrate() -> None:
     """Bring the database to the newest revision; `serve` does it by itself on SQLite."""
+    from app.registry.database import Database
+
     database = Database(_settings().database_url)
     database.migrate()
     database.close()
@@ -83,14 +90,31 @@ def migrate() -> None:
 @cli.command(name="warm")
 def warm_up() -> None:
     """Compile what is compiled, so that nothing is when a server starts; for the build of an image."""
+    from app.motion.warming import warm
+
     warm()
 
 
-cli.command()(demo)
+@cli.command()
+def demo(
+    folder: Annotated[Path, typer.Option(help="Where database, models and picture go.")] = Path("demo"),
+    speed: Annotated[float, typer.Option(min=0.1, hidden=True, help="Of the stream; 1: real time.")] = 1.0,
+) -> None:
+    """Show the whole line: demonstrations, training, live recognition, a new movement. Under a minute."""
+    from app.demo import demo
+
+    demo(folder, speed)
 
 
 def _settings(**given: str | int | None) -> Settings:
     """Return the settings of the environment under those given; one that is none is told by its variable."""
+    from pydantic import ValidationError
+
+    from app.registry.database import Database
+    from app.registry.errors import InvalidUrl
+    from app.registry.store import Store
+    from app.settings import Settings
+
     try:
         settings = Settings.model_validate(
             {name: value for name, value in given.items() if value is not None}

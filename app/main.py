@@ -23,10 +23,8 @@ from app.api import (
     versions,
 )
 from app.api.middleware import BodyLimit, RequestIds
-from app.motion.warming import warm
-from app.registry.database import Database
-from app.registry.store import Store
-from app.service.lab import Lab
+from app.motion.warming import warm_recognition
+from app.service.lab import open_lab
 from app.service.live import Limits, LiveSessions
 from app.service.session_retention import keep_tidy
 from app.service.session_store import SessionStore
@@ -45,21 +43,13 @@ def create_app(settings: Settings | None = None, limits: Limits | None = None) -
     return app
 
 
-def open_lab(settings: Settings) -> Lab:
-    """Return the lab of these settings; the embedded database is migrated."""
-    database = Database(settings.database_url)
-    if database.embedded:
-        database.migrate()
-    return Lab(database, Store(settings.store_url))
-
-
 def _lifespan(
     settings: Settings, limits: Limits
 ) -> Callable[[FastAPI], AbstractAsyncContextManager[dict[str, Any]]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[dict[str, Any]]:
-        await asyncio.to_thread(warm)
-        lab = await asyncio.to_thread(open_lab, settings)
+        await asyncio.to_thread(warm_recognition)
+        lab = await asyncio.to_thread(open_lab, settings.database_url, settings.store_url)
         live = LiveSessions(SessionStore(lab), limits)
         app.state.lab, app.state.live = lab, live
         tidying = asyncio.create_task(keep_tidy(live, settings.session_retention))

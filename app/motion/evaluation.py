@@ -16,8 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from app.motion.errors import InvalidSegment
 from app.motion.trajectory import Flags, Floats, Segment
@@ -199,6 +197,9 @@ def _joined(parts: Sequence[Counts]) -> Counts:
 
 def _matching(rows: Counts, columns: Counts, n_true: int, n_found: int) -> Counts:
     """Return for each true segment the found one it is paired with, -1 for none: as many as can be."""
+    from scipy.sparse import csr_array  # noqa: PLC0415 (a server that only recognises has no use for it)
+    from scipy.sparse.csgraph import maximum_bipartite_matching  # noqa: PLC0415
+
     allowed = csr_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(n_true, n_found))
     return np.asarray(maximum_bipartite_matching(allowed, perm_type="column"), dtype=np.int64)
 

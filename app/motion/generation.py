@@ -18,18 +18,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from app.motion.errors import InvalidRequest
 from app.motion.features import BLEND, N_DEVIATIONS, alignment, decode
 from app.motion.model import ActionModel, Model
 from app.motion.trajectory import FARTHEST_M, Floats
+
+if TYPE_CHECKING:
+    from sklearn.gaussian_process import GaussianProcessRegressor
 
 Method = Literal["default", "paper"]
 
@@ -151,7 +152,14 @@ def keypoint_phases(chain: ActionModel) -> Floats:
 
 
 def _fit(at: Floats, values: Floats, variances: Floats, size: float) -> GaussianProcessRegressor:
-    """Return the regression of (n,) values known with these variances; size: their mean square."""
+    """Return the regression of (n,) values known with these variances; size: their mean square.
+
+    scikit-learn is loaded by the first movement that is generated: a server that only recognises has no use
+    for it.
+    """
+    from sklearn.gaussian_process import GaussianProcessRegressor  # noqa: PLC0415 (see above)
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel  # noqa: PLC0415
+
     kernel = ConstantKernel(size + EXACT, "fixed") * RBF(LENGTH_SCALE, "fixed")
     regression = GaussianProcessRegressor(kernel, alpha=variances, optimizer=None)
     return regression.fit(at[:, None], values)

@@ -87,3 +87,11 @@ class Lab:
                 return versions.get(tx, model, DEFAULT_ALIAS)
             except NotFound:
                 return versions.get(tx, model, "latest")
+
+
+def open_lab(database_url: str, store_url: str) -> Lab:
+    """Return the lab of a store and a database, which is migrated where it is embedded. Raises InvalidUrl."""
+    database = Database(database_url)
+    if database.embedded:
+        database.migrate()
+    return Lab(database, Store(store_url))
