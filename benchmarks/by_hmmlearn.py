@@ -53,15 +53,30 @@ class PlainCriterion(Criterion):
         self._chains = [Chain(action) for action in model.actions]
         self._width = model.background.width
 
-    def _of_moving(self, tracks: Tracks, segments: Indices, way: Floats) -> Scores:
-        """Return the scores of segments that go far enough for some class; way: (n_segments,) [m]."""
-        parts = [tracks.part(start, goal + 1) for start, goal in segments.tolist()]
-        of_fillings = np.array([[self._ratios(part, of) for of in self._fillings.tolist()] for part in parts])
-        ratios, n_frames = of_fillings.max(axis=1), np.diff(segments, axis=1)
-        mean, deviation = self._tempo.T
-        criterion = self._evidence * ratios - 0.5 * ((np.log(n_frames / self._rate) - mean) / deviation) ** 2
-        near = way[:, None] < self._nearest
-        return Scores(np.where(near, -np.inf, criterion), ratios / (n_frames + 1), of_fillings.argmax(axis=1))
+    def __call__(self, tracks: Tracks, segments: Indices) -> Scores:
+        """Return the scores of segments; (n_segments, 2)."""
+        way = np.linalg.norm(tracks.hand[segments[:, 1]] - tracks.hand[segments[:, 0]], axis=1)
+        terms, shape = self._terms, (len(segments), len(self._chains))
+        scores = Scores(np.full(shape, -np.inf), np.full(shape, -np.inf), np.zeros(shape, dtype=np.int64))
+        for row in np.flatnonzero(way >= terms.nearest.min()).tolist():
+            start, goal = segments[row].tolist()
+            part = tracks.part(start, goal + 1)
+            of_fillings = np.array([self._ratios(part, filling) for filling in self._fillings.tolist()])
+            ratios, slow = (
+                of_fillings.max(axis=0),
+                (np.log(goal - start) - terms.tempo[:, 0]) / terms.tempo[:, 1],
+            )
+            counted = terms.evidence * ratios - 0.5 * slow**2
+            scores.criterion[row] = np.where(way[row] < terms.nearest, -np.inf, counted)
+            scores.ratio[row], scores.filling[row] = ratios / len(part.pace), of_fillings.argmax(axis=0)
+        return scores
+
+    def best(
+        self, tracks: Tracks, segments: Indices, _bounds: Floats, _before: Floats, least: Floats
+    ) -> Floats:
+        """Return (n_segments,) values of the best class, whatever lies before."""
+        values: Floats = np.maximum(self(tracks, segments).criterion.max(axis=1), least)
+        return values
 
     def _ratios(self, part: Tracks, filling: list[int]) -> list[float]:
         """Return the (n_classes,) log-likelihood ratios to the background of a whole movement [nat]."""

@@ -151,6 +151,7 @@ class Whole:
     criteria: Criterion
     foresight: Foresight
     tracks: Tracks
+    bounds: Floats
 
     @property
     def typical(self) -> float:
@@ -161,9 +162,9 @@ class Whole:
         """Return whether the hand was seen at a point."""
         return not np.isnan(self.tracks.pace[point])
 
-    def criterion(self, segments: Indices) -> Floats:
-        """Return the (n, n_classes) values of (n, 2) segments [nat]."""
-        return self.criteria(self.tracks, segments).criterion
+    def best(self, segments: Indices, before: Floats, least: Floats) -> Floats:
+        """Return the (n,) values of (n, 2) segments that can give the best division [nat]."""
+        return self.criteria.best(self.tracks, segments, self.bounds, before, least)
 
     def rest(self, start: int, stop: int) -> float:
         """Return the value of points ``start..stop-1`` at rest [nat]."""
@@ -180,9 +181,12 @@ def ratio_section(model: Model) -> str:
     even = resample(recording(SEED, SHORT_ACTIONS).trajectory, model.features.rate)
     tracks = condition(stack(even, roles), model.features)
     filling = fillings(roles, roles)
+    compiled = Criterion(model, 0.0, filling)
+    most = [compiled.most(tracks, frame) for frame in range(len(tracks.pace))]
+    bounds = np.cumsum([np.zeros(len(model.actions)), *most], axis=0)
     kinds = [
-        Whole(kind(model, 0.0, filling), Foresight(model, 0.0, filling), tracks)
-        for kind in (Criterion, PlainCriterion)
+        Whole(criterion, Foresight(model, 0.0, filling), tracks, bounds)
+        for criterion in (compiled, PlainCriterion(model, 0.0, filling))
     ]
     seconds, off = np.empty((REPETITIONS, len(kinds))), 0.0
     for run in seconds:
@@ -190,7 +194,7 @@ def ratio_section(model: Model) -> str:
         if ours != theirs:
             raise RuntimeError(f"the two searches do not agree: {ours} and {theirs}")
         found = np.array([(each.start, each.end) for each in ours])
-        one, other = (parts.criterion(found) for parts in kinds)
+        one, other = (parts.criteria(tracks, found).criterion for parts in kinds)
         off = max(off, float(np.abs(one - other)[np.isfinite(one)].max()))
         page.tell(f"compiled {run[0]:.4f} s, hmmlearn {run[1]:.2f} s")
     factor, n_frames = seconds[:, 1] / seconds[:, 0], len(tracks.pace)

@@ -78,14 +78,16 @@ def _condition(positions: Floats, in_still: float, start: int, stop: int) -> tup
     placed = np.full((n_tracks, stop - start, 3), np.nan)
     paces = np.full((n_tracks, stop - start), np.nan)
     begin, end = max(start - HALF_SLOPE, 0), min(stop + HALF_SLOPE, n)
-    medians = np.empty((end - begin, 3))
+    medians, squares = np.empty((end - begin, 3)), np.empty(2 * HALF_NOISE)
     for track in range(n_tracks):
         for at in range(begin, end):
-            medians[at - begin] = positions[_median(positions, track, at), track]
+            median = _median(positions, track, at)
+            for axis in range(3):
+                medians[at - begin, axis] = positions[median, track, axis]
         for at in range(start, stop):
             if not np.isnan(medians[at - begin, 0]):
-                placed[track, at - start] = _mean(medians, at - begin)
-                square = -NOISE_LEFT * _noise(positions[:, track], at)
+                _mean(medians, at - begin, placed[track, at - start])
+                square = -NOISE_LEFT * _noise(positions, track, at, squares)
                 for axis in range(3):
                     square += _slope(medians, axis, at - begin) ** 2
                 paces[track, at - start] = np.log1p(in_still * np.sqrt(max(square, 0.0)))
@@ -93,11 +95,11 @@ def _condition(positions: Floats, in_still: float, start: int, stop: int) -> tup
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _paired(values: Floats, at: int, off: int) -> bool:
-    """Return whether the points so far before and after a point are both there."""
-    if at - off < 0 or at + off >= len(values):
-        return False
-    return not (np.isnan(values[at - off, 0]) or np.isnan(values[at + off, 0]))
+def _distance(positions: Floats, track: int, one: int, other: int) -> float:
+    dx = positions[one, track, 0] - positions[other, track, 0]
+    dy = positions[one, track, 1] - positions[other, track, 1]
+    dz = positions[one, track, 2] - positions[other, track, 2]
+    return np.sqrt(dx * dx + dy * dy + dz * dz)  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True)
@@ -107,48 +109,67 @@ def _median(positions: Floats, track: int, at: int) -> int:
     Points count in pairs around the middle, so that a steady movement stays as it is; of equals the
     middle one.
     """
-    values = positions[:, track]
     best, least = at, np.inf
     for step in range(2 * HALF_MEDIAN + 1):
         candidate = at + ((step + 1) // 2) * (1 if step % 2 else -1)
-        if candidate == at or _paired(values, at, abs(candidate - at)):
+        if candidate == at or _paired(positions, track, at, abs(candidate - at)):
             total = 0.0
             for off in range(-HALF_MEDIAN, HALF_MEDIAN + 1):
-                if off == 0 or _paired(values, at, abs(off)):
-                    total += np.sqrt(np.sum((values[candidate] - values[at + off]) ** 2))
+                if off == 0 or _paired(positions, track, at, abs(off)):
+                    total += _distance(positions, track, candidate, at + off)
             if total < least:
                 best, least = candidate, total
     return best
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _paired(positions: Floats, track: int, at: int, off: int) -> bool:
+    """Return whether the points so far before and after a point are both there."""
+    if at - off < 0 or at + off >= len(positions):
+        return False
+    return not (np.isnan(positions[at - off, track, 0]) or np.isnan(positions[at + off, track, 0]))
+
+
 @njit(cache=True, nogil=True)
-def _mean(values: Floats, at: int) -> Floats:
-    total, weights = values[at].copy(), 1.0
+def _mean(values: Floats, at: int, mean: Floats) -> None:
+    """Write the weighted mean of the values (n, 3) around one that is there."""
+    weights = 1.0
+    for axis in range(3):
+        mean[axis] = values[at, axis]
     for off in range(1, HALF_MEAN + 1):
-        if _paired(values, at, off):
-            weight = _OF_MEAN[off]
-            total += weight * (values[at - off] + values[at + off])
-            weights += 2.0 * weight
-    mean: Floats = total / weights
-    return mean
+        is_within = at - off >= 0 and at + off < len(values)
+        if is_within and not (np.isnan(values[at - off, 0]) or np.isnan(values[at + off, 0])):
+            weights += 2.0 * _OF_MEAN[off]
+            for axis in range(3):
+                mean[axis] += _OF_MEAN[off] * (values[at - off, axis] + values[at + off, axis])
+    for axis in range(3):
+        mean[axis] /= weights
 
 
 @njit(cache=True, nogil=True)
-def _noise(values: Floats, at: int) -> float:
+def _noise(positions: Floats, track: int, at: int, squares: Floats) -> float:
     """Return the mean square of the noise of positions around a point, by their third differences [m^2].
 
     A hand's movement hardly has any from point to point; those of noise have 20 times its square. The median
-    of them does not see thrown-off frames.
+    of them does not see thrown-off frames. squares: room to work in.
     """
-    squares = np.empty(2 * HALF_NOISE)
     count = 0
-    for first in range(max(at - HALF_NOISE, 0), min(at + HALF_NOISE - 2, len(values) - 3)):
-        off = values[first + 3] - 3.0 * values[first + 2] + 3.0 * values[first + 1] - values[first]
-        square = np.sum(off**2)
+    for first in range(max(at - HALF_NOISE, 0), min(at + HALF_NOISE - 2, len(positions) - 3)):
+        square = 0.0
+        for axis in range(3):
+            off = positions[first + 3, track, axis] - 3.0 * positions[first + 2, track, axis]
+            off += 3.0 * positions[first + 1, track, axis] - positions[first, track, axis]
+            square += off * off
         if not np.isnan(square):
-            squares[count] = square
+            place = count
+            while place > 0 and squares[place - 1] > square:
+                squares[place] = squares[place - 1]
+                place -= 1
+            squares[place] = square
             count += 1
-    return float(np.median(squares[:count])) / 20.0 if count > 0 else 0.0
+    if count == 0:
+        return 0.0
+    return 0.5 * (squares[(count - 1) // 2] + squares[count // 2]) / 20.0  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -190,9 +211,12 @@ class Conditioner:
         nothing: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._grid = Grid(np.empty(0), np.empty((0, n_tracks, 3)), nothing, nothing)
         self._ready = 0
+        self._nothing = self._part(0, 0)
 
     def push(self, grid: Grid) -> Conditioned:
         """Take the next points; return those that are ready."""
+        if len(grid.times) == 0:
+            return self._nothing
         self._grid = _joined(self._grid, grid)
         ready = self._take(max(len(self._grid.times) - REACH, self._ready))
         drop = max(self._ready - REACH, 0)

@@ -18,14 +18,15 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numba import njit
 
 from app.motion.criterion import PAUSE, START
 from app.motion.foresight import Outlook
 from app.motion.model import Model
 from app.motion.places import Places
-from app.motion.scoring import MOST_FRAMES, Indices
+from app.motion.scoring import MOST_FRAMES
 from app.motion.search import SPACING, Found, bounds_of
-from app.motion.trajectory import Floats
+from app.motion.trajectory import Floats, Indices
 
 FINENESS = 50
 """Where a segment began is looked for to a share of one so many-th of its length."""
@@ -69,8 +70,12 @@ class Parts(Protocol):
     def seen(self, point: int) -> bool:
         """Return whether the hand was seen at a point."""
 
-    def criterion(self, segments: Indices) -> Floats:
-        """Return the (n, n_classes) values of (n, 2) segments [nat], -inf where one cannot be."""
+    def best(self, segments: Indices, before: Floats, least: Floats) -> Floats:
+        """Return the (n,) values of (n, 2) segments, ``least`` (n,) where that is more [nat].
+
+        before: (n,) what a division has where they begin. A segment that cannot give the best division of
+        all these may have ``least``.
+        """
 
     def rest(self, start: int, stop: int) -> float:
         """Return the value of points ``start..stop-1`` at rest [nat]."""
@@ -216,32 +221,30 @@ class Decoder:
         places, limits = self._places, self._limits
         if places.is_full:
             places.forget(point - limits.horizon)
-        ages, worth = point - places.points, places.worth
-        coarse = np.maximum(2 ** np.floor(np.log2(np.maximum(ages / limits.spacing / FINENESS, 1.0))), 1.0)
-        allowed = (ages >= limits.shortest) & (ages <= limits.longest) & np.isfinite(worth)
-        allowed &= (places.points // limits.spacing) % coarse == 0
-        self._pending = np.flatnonzero(allowed)
+        self._pending = _origins(
+            places.points, places.worth, point, limits.shortest, limits.longest, limits.spacing
+        )
         places.add(point, self._parts.rest(int(places.points[-1]), point))
 
     def _look(self, point: int, origins: Indices) -> None:
         """Let segments from these places to the newest compete for it."""
         segments = np.column_stack([self._places.points[origins], np.full(len(origins), point)])
-        known = self._parts.criterion(segments).max(axis=1)
         if self._parts.seen(point):
             unknown = self._unknown * (point - segments[:, 0])
-            self._places.offer(origins, np.maximum(known, unknown) - START)
+            values = self._parts.best(segments, self._places.worth[origins], unknown)
+            self._places.offer(origins, values - START)
 
     def _onsets(self, through: int) -> list[int]:
         """Return the places where what is under way may have begun, the most promising first."""
-        limits, worth = self._limits, self._places.worth
-        ages = through - self._places.points
-        young, old = limits.points(YOUNGEST), limits.longest
-        fits = np.flatnonzero((ages >= young) & (ages <= old) & np.isfinite(worth))
-        promise = worth[fits] + ONSET * self._parts.typical * ages[fits]
-        bins = ages[fits] // limits.points(BIN)
-        order = np.lexsort((-promise, bins))
-        firsts = order[np.unique(bins[order], return_index=True)[1]]
-        onsets: list[int] = fits[firsts[np.argsort(-promise[firsts], kind="stable")]].tolist()
+        limits, places = self._limits, self._places
+        onsets: list[int] = _onsets(
+            places.points,
+            places.worth,
+            through,
+            (limits.points(YOUNGEST), limits.longest),
+            limits.points(BIN),
+            ONSET * self._parts.typical,
+        ).tolist()
         return onsets
 
     def _begun(self, place: int, worth: Floats, through: int) -> Alternative | None:
@@ -302,3 +305,39 @@ class Decoder:
         action = self._places.action(end)
         self._places.settle(end)
         return action._replace(is_shared=next_start == action.end)
+
+
+@njit(cache=True, nogil=True)
+def _origins(
+    points: Indices, worth: Floats, point: int, shortest: int, longest: int, spacing: int
+) -> Indices:
+    """Return the places where a segment that ends at a point may begin."""
+    found, size = np.empty(len(points), dtype=np.int64), 0
+    for place in range(len(points)):
+        age, coarse = point - points[place], 1
+        while age >= 2 * coarse * spacing * FINENESS:
+            coarse *= 2
+        is_looked_at = (points[place] // spacing) % coarse == 0
+        if shortest <= age <= longest and worth[place] > -np.inf and is_looked_at:
+            found[size] = place
+            size += 1
+    return found[:size]
+
+
+@njit(cache=True, nogil=True)
+def _onsets(
+    points: Indices, worth: Floats, through: int, ages: tuple[int, int], width: int, gain: float
+) -> Indices:
+    """Return the most promising place of each bin of so many points, the most promising first.
+
+    ages: of what is under way, at least and at most; gain: what a point of it adds [nat].
+    """
+    youngest, oldest = ages
+    best = np.full(oldest // width + 1, -1)
+    promise = np.full(len(best), -np.inf)
+    for place in range(len(points)):
+        age = through - points[place]
+        if youngest <= age <= oldest and worth[place] + gain * age > promise[age // width]:
+            best[age // width], promise[age // width] = place, worth[place] + gain * age
+    order = np.argsort(-promise, kind="mergesort")
+    return best[order][: np.sum(promise > -np.inf)]

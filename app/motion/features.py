@@ -33,26 +33,28 @@ BLEND = 5e-3
 _NOTHING = 1e-12  # a vector shorter than this has no direction [m]
 
 
+Axis = tuple[float, float, float]
+
+
 @njit(cache=True, nogil=True)
 def alignment(start: Floats, goal: Floats) -> Floats:
     """Return the (3, 3) rotation whose rows are the aligned axes: ``aligned = rotation @ world``.
 
     start, goal: (3,) [m].
     """
-    x, y, z = goal[0] - start[0], goal[1] - start[1], goal[2] - start[2]
+    return np.array(axes(goal[0] - start[0], goal[1] - start[1], goal[2] - start[2]))
+
+
+@njit(cache=True, nogil=True)
+def axes(x: float, y: float, z: float) -> tuple[Axis, Axis, Axis]:
+    """Return the aligned axes of a movement that goes (x, y, z) [m]."""
     length, level = np.sqrt(x * x + y * y + z * z), np.sqrt(x * x + y * y)
     ax, ay, az = _direction(x + max(0.0, BLEND - length), y, z)
     hx, hy, _ = _direction(x + max(0.0, BLEND - level), y, 0.0)
     # Sideways is level and square to the heading, then made square to the first axis.
     overlap = ay * hx - ax * hy
     sx, sy, sz = _direction(-hy - overlap * ax, hx - overlap * ay, -overlap * az)
-    rotation = np.empty((3, 3))
-    rotation[0, 0], rotation[0, 1], rotation[0, 2] = ax, ay, az
-    rotation[1, 0], rotation[1, 1], rotation[1, 2] = sx, sy, sz
-    rotation[2, 0] = ay * sz - az * sy
-    rotation[2, 1] = az * sx - ax * sz
-    rotation[2, 2] = ax * sy - ay * sx
-    return rotation
+    return (ax, ay, az), (sx, sy, sz), (ay * sz - az * sy, az * sx - ax * sz, ax * sy - ay * sx)
 
 
 @njit(cache=True, nogil=True)

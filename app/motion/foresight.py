@@ -14,10 +14,11 @@ import numpy as np
 from numba import njit
 
 from app.motion.conditioning import Tracks
-from app.motion.features import alignment
+from app.motion.features import axes
+from app.motion.lanes import States, begin, follow, lanes_for, least_log, put
 from app.motion.model import PHASE, ActionModel, Model
-from app.motion.scoring import Indices, Movement, States, follow, room_for, states_of
-from app.motion.trajectory import Floats
+from app.motion.scoring import states_of
+from app.motion.trajectory import Floats, Indices
 
 PHASES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97])
 """Phases that a movement under way may be in."""
@@ -115,32 +116,37 @@ def _outlook(
 ) -> tuple[Floats, Floats]:
     n_classes, n_phases = course.way.shape
     values, goals = np.empty((n_classes, n_phases)), np.empty((n_classes, n_phases, 3))
-    paths, step = room_for(states, len(fillings)), max((through - origin) // MOST_FRAMES, 1)
+    lanes, step = lanes_for(states, len(fillings)), max((through - origin) // MOST_FRAMES, 1)
+    frames = (through - (through - origin) // step * step, through + 1, step)
     start, here = tracks.hand[origin], tracks.hand[through]
+    begin(lanes)
     for k in range(n_classes):
-        first = states.first[k : k + 2]
         for p in range(n_phases):
-            goal = _goal(start, here, max(course.way[k, p], LEAST_WAY), course.aside[k, p])
-            duration = (through - origin) / PHASES[p]
-            movement = Movement(origin, through, step, start, goal, duration)
-            follow(tracks, table_height, movement, first, states, fillings, paths)
-            ratio = -np.inf
-            for f in range(len(fillings)):
-                best = paths.density[f, first[0] + 1 : first[1] + 1].max()
-                ratio = max(ratio, states.power[k] * (paths.logs[f, 0] + np.log(best)))
-            slow = (np.log(duration) - course.tempo[k, 0]) / course.tempo[k, 1]
-            length = np.sqrt(np.sum((goal - start) ** 2)) + 1e-9
+            _goal(start, here, max(course.way[k, p], LEAST_WAY), course.aside[k, p], goals[k, p])
+            put(lanes, p, origin, start, goals[k, p], (through - origin) / PHASES[p])
+        follow(lanes, tracks, table_height, frames, np.array([k]), states, fillings)
+        for p in range(n_phases):
+            slow = (np.log((through - origin) / PHASES[p]) - course.tempo[k, 0]) / course.tempo[k, 1]
+            length = _distance(goals[k, p], start) + 1e-9
             far = (np.log(length) - course.extent[k, 0]) / course.extent[k, 1]
-            values[k, p] = evidence * step * ratio - 0.5 * (slow * slow + far * far) - np.log(n_phases)
-            goals[k, p] = goal
+            ratio = -step * states.power[k] * least_log(lanes, p, k, states)
+            values[k, p] = evidence * ratio - 0.5 * (slow * slow + far * far) - np.log(n_phases)
     return values, goals
 
 
 @njit(cache=True, nogil=True)
-def _goal(start: Floats, here: Floats, way: float, aside: Floats) -> Floats:
-    """Return where a movement leads that has made this share of its way and is so far aside of it."""
-    goal = start + (here - start) / way
+def _goal(start: Floats, here: Floats, way: float, aside: Floats, goal: Floats) -> None:
+    """Write where a movement leads that has made this share of its way and is so far aside of it."""
+    for axis in range(3):
+        goal[axis] = start[axis] + (here[axis] - start[axis]) / way
     for _ in range(2):
-        rotation = alignment(start, goal)
-        goal = start + (here - start - aside[0] * rotation[1] - aside[1] * rotation[2]) / way
-    return goal
+        _, side, above = axes(goal[0] - start[0], goal[1] - start[1], goal[2] - start[2])
+        for axis in range(3):
+            off = aside[0] * side[axis] + aside[1] * above[axis]
+            goal[axis] = start[axis] + (here[axis] - start[axis] - off) / way
+
+
+@njit(cache=True, nogil=True)
+def _distance(one: Floats, other: Floats) -> float:
+    dx, dy, dz = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+    return np.sqrt(dx * dx + dy * dy + dz * dz)  # type: ignore[no-any-return]

@@ -7,10 +7,10 @@ value, what came before, and where its last action ended. A division is followed
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
-from app.motion.scoring import Indices
 from app.motion.search import Found
-from app.motion.trajectory import Floats
+from app.motion.trajectory import Floats, Indices
 
 RESTED, MOVED = 0, 1
 """How a place is reached: by rest, or by an action."""
@@ -52,9 +52,7 @@ class Places:
     @property
     def worth(self) -> Floats:
         """The (n_places,) values of the best divisions up to each place, -inf where there is none [nat]."""
-        worth: Floats = self._values[:, : self._n].max(axis=0)
-        worth[: self._boundary] = -np.inf
-        return worth
+        return _worth(self._values, self._n, self._boundary)
 
     @property
     def rested(self) -> float:
@@ -81,14 +79,9 @@ class Places:
 
     def _reach(self, place: int) -> None:
         """Find the best ways to a place from what is known of those before."""
-        ways = self._values[:, place - 1] - [0.0, self._pause]
-        way, origin = int(ways.argmax()), int(self._origin[place])
-        is_possible = self._boundary <= origin < place and self._own[MOVED, place] > -np.inf
-        self._before[:, place] = way, self._values[:, origin].argmax() if is_possible else RESTED
-        self._end[:, place] = self._end[way, place - 1], place
-        self._values[RESTED, place] = ways[way] + self._own[RESTED, place]
-        moved = self._values[:, origin].max() + self._own[MOVED, place] if is_possible else -np.inf
-        self._values[MOVED, place] = moved
+        _reach(
+            place, self._boundary, self._pause, self._values, self._own, self._origin, self._before, self._end
+        )
 
     def ends(self, place: int) -> list[int]:
         """Return the places where the actions of the best division up to a place end, the first first."""
@@ -123,3 +116,32 @@ class Places:
         self._origin[:kept] -= drop
         self._end[:, :kept] -= drop
         self._boundary, self._n = 0, kept
+
+
+@njit(cache=True, nogil=True)
+def _worth(values: Floats, n: int, boundary: int) -> Floats:
+    worth = np.full(n, -np.inf)
+    for place in range(boundary, n):
+        worth[place] = max(values[RESTED, place], values[MOVED, place])
+    return worth
+
+
+@njit(cache=True, nogil=True)
+def _reach(
+    place: int,
+    boundary: int,
+    pause: float,
+    values: Floats,
+    own: Floats,
+    origins: Indices,
+    before: Indices,
+    end: Indices,
+) -> None:
+    rested, paused = values[RESTED, place - 1], values[MOVED, place - 1] - pause
+    way, origin = (MOVED if paused > rested else RESTED), origins[place]
+    is_possible = boundary <= origin < place and own[MOVED, place] > -np.inf
+    moved = MOVED if values[MOVED, origin] > values[RESTED, origin] else RESTED
+    before[RESTED, place], before[MOVED, place] = way, moved if is_possible else RESTED
+    end[RESTED, place], end[MOVED, place] = end[way, place - 1], place
+    values[RESTED, place] = max(rested, paused) + own[RESTED, place]
+    values[MOVED, place] = values[moved, origin] + own[MOVED, place] if is_possible else -np.inf

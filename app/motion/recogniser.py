@@ -93,16 +93,26 @@ class Recogniser:
     def push(self, frames: Trajectory) -> list[Event]:
         """Take frames that follow those before; return the events that they decide, in order."""
         self._check(frames)
-        positions = stack(frames, self._objects)
-        intervals = np.diff(frames.times, prepend=self._time)
-        jumps = np.zeros(len(frames), dtype=bool)
+        return self.take(frames.times, stack(frames, self._objects))
+
+    def take(self, times: Floats, positions: Floats) -> list[Event]:
+        """Take frames that are known to be sound and to follow those before; return what they decide.
+
+        times: (n_frames,) [s]; positions: (n_frames, 1 + n_objects, 3) [m], the hand's first.
+        """
+        intervals = np.empty(len(times))
+        intervals[0] = times[0] - self._time
+        np.subtract(times[1:], times[:-1], out=intervals[1:])
+        jumps = np.zeros(len(times), dtype=bool)
         first = 1 if self._n_frames == 0 else 0
         jumps[first:] = self._period.gaps(intervals[first:])
+        longest = self._limits.longest / self._model.features.rate
+        if not (intervals[1:] > longest).any():
+            return self._push(times, positions, jumps)
         events: list[Event] = []
-        starts = np.flatnonzero(intervals > self._limits.longest / self._model.features.rate)
-        for part in np.split(np.arange(len(frames)), starts):
+        for part in np.split(np.arange(len(times)), np.flatnonzero(intervals > longest)):
             if len(part):
-                events += self._push(frames.times[part], positions[part], jumps[part])
+                events += self._push(times[part], positions[part], jumps[part])
         return events
 
     def finish(self) -> list[Event]:

@@ -9,11 +9,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from app.motion.errors import InvalidTrajectory
-from app.motion.trajectory import Floats, Trajectory
+from app.motion.trajectory import Flags, Floats, Trajectory
 
 MAX_PERIODS = 3.0
 """Frames farther apart than this many periods have a gap between them."""
@@ -46,7 +47,7 @@ class Period:
         self._declared = None if rate is None else 1.0 / rate
         self._intervals: list[float] = []
 
-    def gaps(self, intervals: Floats) -> NDArray[np.bool_]:
+    def gaps(self, intervals: Floats) -> Flags:
         """Return which of the next intervals [s] are gaps."""
         gaps = np.zeros(len(intervals), dtype=bool)
         done = 0
@@ -74,7 +75,7 @@ class Resampler:
         self._frame = -1
         self._position: Floats = np.empty((0, 3))
 
-    def push(self, times: Floats, positions: Floats, gaps: NDArray[np.bool_], first_frame: int) -> Grid:
+    def push(self, times: Floats, positions: Floats, gaps: Flags, first_frame: int) -> Grid:
         """Return the grid points up to the last of these frames.
 
         times: (n,) [s]; positions: (n, n_tracks, 3) [m]; gaps: (n,) whether a gap lies before a frame;
@@ -83,36 +84,67 @@ class Resampler:
         if self._emitted == 0:
             self._begin, self._time, self._frame = float(times[0]), float(times[0]), first_frame
             self._position = positions[0]
-        times = np.concatenate([[self._time], times])
-        positions = np.concatenate([self._position[None], positions])
-        numbers = np.concatenate([[self._frame], np.arange(first_frame, first_frame + len(times) - 1)])
-        self._time, self._position, self._frame = float(times[-1]), positions[-1], int(numbers[-1])
-        reached = np.floor((times - self._begin) * self.rate + _SAME).astype(np.int64)
-        ticks = np.arange(self._emitted, reached[-1] + 1)
-        self._emitted += len(ticks)
-        grid = self._begin + ticks / self.rate
-        after = np.searchsorted(reached, ticks).clip(1, len(times) - 1)
-        return _interpolate(grid, times, positions, numbers, gaps, after)
+        grid = _interpolated(
+            times,
+            positions,
+            gaps,
+            first_frame,
+            (self._begin, self.rate, self._emitted),
+            (self._time, self._position, self._frame),
+        )
+        self._time, self._position = float(times[-1]), positions[-1]
+        self._frame = first_frame + len(times) - 1
+        self._emitted += len(grid[0])
+        return Grid(*grid)
 
 
-def _interpolate(
-    grid: Floats,
+Before = tuple[float, Floats, int]
+"""Time [s], positions (n_tracks, 3) [m] and number of the frame before."""
+
+
+@njit(cache=True, nogil=True)
+def _interpolated(
     times: Floats,
     positions: Floats,
-    numbers: NDArray[np.int64],
-    gaps: NDArray[np.bool_],
-    after: NDArray[np.int64],
-) -> Grid:
-    interval = times[after] - times[after - 1]
-    weight = np.divide(grid - times[after - 1], interval, out=np.ones(len(grid)), where=interval > 0)
-    before, behind = positions[after - 1], positions[after]
-    w = weight[:, None, None]
-    mixed = before * (1.0 - w) + behind * w
-    mixed[gaps[after - 1]] = np.nan
-    near = np.where(np.isnan(mixed), _SAME, _EXACT)
-    mixed = np.where(w <= near, before, np.where(w >= 1.0 - near, behind, mixed))
-    nearest = np.where(weight < 0.5, numbers[after - 1], numbers[after])
-    return Grid(grid, mixed, nearest, numbers[after])
+    gaps: Flags,
+    first_frame: int,
+    grid: tuple[float, float, int],
+    before: Before,
+) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
+    """Return the fields of a Grid; grid: where it begins [s], its rate [Hz], and points that were before."""
+    begin, rate, emitted = grid
+    time, position, number = before
+    n = int(np.floor((times[-1] - begin) * rate + _SAME)) + 1 - emitted
+    at, mixed = np.empty(n), np.empty((n, *positions.shape[1:]))
+    nearest, released = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    done = 0
+    for index in range(len(times)):
+        reached = int(np.floor((times[index] - begin) * rate + _SAME)) + 1 - emitted
+        while done < reached:
+            at[done] = begin + (emitted + done) / rate
+            interval = times[index] - time
+            weight = (at[done] - time) / interval if interval > 0.0 else 1.0
+            _mix(position, positions[index], weight, gaps[index], mixed[done])
+            nearest[done] = number if weight < 0.5 else first_frame + index
+            released[done] = first_frame + index
+            done += 1
+        time, position, number = times[index], positions[index], first_frame + index
+    return at, mixed, nearest, released
+
+
+@njit(cache=True, nogil=True)
+def _mix(before: Floats, behind: Floats, weight: float, is_gap: bool, mixed: Floats) -> None:
+    """Write what lies between two frames (n_tracks, 3), or the one that it all but is."""
+    for track in range(len(mixed)):
+        for axis in range(3):
+            value = before[track, axis] * (1.0 - weight) + behind[track, axis] * weight
+            value = np.nan if is_gap else value
+            near = _SAME if np.isnan(value) else _EXACT
+            if weight <= near:
+                value = before[track, axis]
+            elif weight >= 1.0 - near:
+                value = behind[track, axis]
+            mixed[track, axis] = value
 
 
 def stack(trajectory: Trajectory, objects: tuple[str, ...]) -> Floats:

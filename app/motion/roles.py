@@ -12,7 +12,7 @@ from itertools import islice, permutations
 import numpy as np
 
 from app.motion.errors import InvalidRequest, RoleMissing
-from app.motion.scoring import Indices
+from app.motion.trajectory import Indices
 
 MAX_FILLINGS = 64
 """Each filling costs as much again: with more than so many, name the objects like their roles."""

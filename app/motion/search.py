@@ -13,12 +13,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.motion.model import Model
-from app.motion.trajectory import Floats
-
-Indices = NDArray[np.int64]
+from app.motion.trajectory import Floats, Indices
 
 PACE = 2.5
 """A movement may be this many times slower or faster than any that was demonstrated."""

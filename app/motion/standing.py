@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.motion.conditioning import Tracks
+from app.motion.lanes import States
 from app.motion.model import ActionModel, Background, Familiarity, Rest
-from app.motion.scoring import States, score_segments, states_of
+from app.motion.scoring import score_segments, states_of
 from app.motion.trajectory import Floats
 
 SHARPER = 0.5

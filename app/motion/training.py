@@ -23,9 +23,8 @@ from app.motion.model import (
     Model,
 )
 from app.motion.resampling import resample, stack
-from app.motion.scoring import Indices
 from app.motion.standing import familiarity_of, rest_of
-from app.motion.trajectory import Demonstration, Floats
+from app.motion.trajectory import Demonstration, Floats, Indices
 
 MIN_DEMONSTRATIONS = 2
 """Demonstrations without which a class has no spread."""

@@ -17,6 +17,7 @@ from app.motion.errors import InvalidSegment, InvalidTrajectory
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 
 FARTHEST_M = 100.0
 """A position farther out than this is in a wrong unit [m]."""

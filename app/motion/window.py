@@ -12,8 +12,7 @@ from app.motion.criterion import Criterion, Scores
 from app.motion.features import BLEND
 from app.motion.foresight import Foresight, Outlook
 from app.motion.model import Model
-from app.motion.scoring import Indices
-from app.motion.trajectory import Flags, Floats, Scene
+from app.motion.trajectory import Flags, Floats, Indices, Scene
 
 TURN, TURN_SHARE = 0.1, 0.2
 """Between two actions that touch the hand is slowest near the boundary found: within this [s], and this share
@@ -41,6 +40,7 @@ class Window:
         )
         self._frames: NDArray[np.int64] = np.empty(size, dtype=np.int64)
         self._times = np.empty(size)
+        self._bounds = np.zeros((size + 1, len(model.actions)))
         self._begin = 0
         self.n_points = 0
 
@@ -59,6 +59,8 @@ class Window:
         if not self.has_room:
             self._forget(origin)
         self._write(ready, slice(index, index + 1))
+        place = self.n_points - self._begin
+        self._bounds[place + 1] = self._bounds[place] + self._criterion.most(self._tracks, place)
         self.n_points += 1
 
     def look_ahead(self, ahead: Conditioned) -> int:
@@ -77,6 +79,13 @@ class Window:
     def criterion(self, segments: Indices) -> Floats:
         """Return the (n, n_classes) criterion alone [nat]."""
         return self.scores(segments).criterion
+
+    def best(self, segments: Indices, before: Floats, least: Floats) -> Floats:
+        """Return (n,) values of (n, 2) segments; one that cannot give the best division may have ``least``.
+
+        before: (n,) what a division has where they begin; least: (n,) what they count at least [nat].
+        """
+        return self._criterion.best(self._tracks, segments - self._begin, self._bounds, before, least)
 
     def rest(self, start: int, stop: int) -> float:
         """Return what points ``start..stop-1`` count as rest [nat]."""
@@ -131,6 +140,7 @@ class Window:
         n_kept = keep.stop - keep.start
         for array in (self._tracks.hand, self._tracks.pace, self._frames, self._times):
             array[:n_kept] = array[keep].copy()
+        self._bounds[: n_kept + 1] = self._bounds[keep.start : keep.stop + 1] - self._bounds[keep.start]
         for array in (self._tracks.objects, self._tracks.paces):
             array[:, :n_kept] = array[:, keep].copy()
         self._begin = begin

@@ -26,9 +26,8 @@ from app.motion.decoding import (
 )
 from app.motion.foresight import Outlook
 from app.motion.model import Model
-from app.motion.scoring import Indices
 from app.motion.search import PACE, Found
-from app.motion.trajectory import Flags, Floats
+from app.motion.trajectory import Flags, Floats, Indices
 
 LAW = settings(derandomize=True, deadline=None, max_examples=100)
 
@@ -61,8 +60,9 @@ class Table:
     def seen(self, point: int) -> bool:
         return bool(self.hand[point % len(self.hand)])
 
-    def criterion(self, segments: Indices) -> Floats:
-        return np.array([self.segments[self._at(*segment)] for segment in segments.tolist()])
+    def best(self, segments: Indices, before: Floats, least: Floats) -> Floats:
+        known = [self.segments[self._at(*segment)].max() for segment in segments.tolist()]
+        return np.maximum(known, least)
 
     def rest(self, start: int, stop: int) -> float:
         return float(sum(self.resting[at % len(self.resting)] for at in range(start, stop)))
@@ -205,13 +205,13 @@ def test_how_much_it_may_work_decides_when_and_not_what(
 @given(seeds, narrow, st.integers(1, 60))
 def test_works_a_bounded_amount_for_each_frame(seed: int, limits: Limits, work: int) -> None:
     table, looked_at = drawn(seed, 60), list[int]()
-    decoder, criterion = Decoder(table, limits), table.criterion
+    decoder, best = Decoder(table, limits), table.best
 
-    def noted(segments: Indices) -> Floats:
+    def noted(segments: Indices, before: Floats, least: Floats) -> Floats:
         looked_at.append(int((segments[:, 1] - segments[:, 0]).sum()))
-        return criterion(segments)
+        return best(segments, before, least)
 
-    table.criterion = noted  # type: ignore[method-assign]
+    table.best = noted  # type: ignore[method-assign]
     for _ in range(60):
         looked_at.clear()
         decoder.frame(work)
@@ -357,12 +357,13 @@ def test_where_a_segment_began_is_looked_for_to_a_share_of_its_length(longest: i
     for _ in range(2 * longest):
         decoder.frame(None)
 
-    def noted(segments: Indices) -> Floats:
+    def noted(segments: Indices, before: Floats, least: Floats) -> Floats:
         for start, end in segments.tolist():
             looked_at.setdefault(end, []).append(end - start)
-        return np.full((len(segments), 1), -np.inf)
+        assert len(before) == len(segments)
+        return least
 
-    table.criterion = noted  # type: ignore[method-assign]
+    table.best = noted  # type: ignore[method-assign]
     for _ in range(10 * limits.spacing):
         decoder.frame(None)
     assert len(looked_at) == 10

@@ -22,18 +22,14 @@ from app.motion.model import (
     PHASE,
     ActionModel,
     Background,
-    Familiarity,
-    FeatureSpecification,
     Model,
-    Rest,
 )
-from app.motion.scoring import MOST_FRAMES, Indices, score_segments, states_of
-from app.motion.trajectory import Floats
+from app.motion.scoring import MOST_FRAMES, score_segments, states_of
+from app.motion.trajectory import Floats, Indices
+from tests.motion.drawn import TABLE, model_of, motion_of, named, segments_of
 from tests.motion.plain import background, log_densities, viterbi
 
 LAW = settings(derandomize=True, deadline=None, max_examples=50)
-
-TABLE = 0.7
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -46,45 +42,6 @@ def features_of(tracks: Tracks, segment: Sequence[int], filling: Sequence[int]) 
     phase[np.isnan(positions[:, 0])] = np.nan
     of_roles = [column for at in filling for column in (positions[:, 4 + at], part.paces[at])]
     return np.column_stack([positions[:, :4], part.pace, phase, *of_roles])
-
-
-def motion_of(rng: np.random.Generator, n_frames: int, n_objects: int = 1) -> Tracks:
-    """Return a walk of about 2 cm a frame, with paces that it has nothing to do with."""
-    hand = np.array([0.1, 0.2, TABLE]) + rng.normal(0.0, 0.02, (n_frames, 3)).cumsum(axis=0)
-    objects = hand + rng.normal(0.0, 0.1, (n_objects, n_frames, 3))
-    return Tracks(hand, rng.normal(0.0, 0.1, n_frames), objects, rng.normal(0.0, 0.1, (n_objects, n_frames)))
-
-
-def model_of(rng: np.random.Generator, n_states: Sequence[int], n_objects: int = 1) -> Model:
-    """Return a model with so many states in each of its classes."""
-    specification = FeatureSpecification(tuple(f"object_{index}" for index in range(n_objects)))
-    n_features = specification.n_features
-    actions = tuple(
-        ActionModel(
-            action=f"action_{index}",
-            means=rng.normal(0.0, 0.1, (n, n_features)),
-            variances=rng.uniform(0.02, 0.1, (n, n_features)) ** 2,
-            stay=rng.uniform(0.05, 0.95, n),
-            weights=np.ones(n),
-            durations=np.ones(rng.integers(2, 30)),
-            lengths=np.ones(2),
-            repetition=1.0,
-        )
-        for index, n in enumerate(n_states)
-    )
-    background = Background(rng.uniform(0.5, 2.0, n_features))
-    familiarity = Familiarity(np.ones(len(actions)), np.zeros(len(actions)))
-    return Model(specification, actions, background, familiarity, Rest(0.0, 1.0))
-
-
-def segments_of(rng: np.random.Generator, n_frames: int, n_segments: int) -> Indices:
-    """Return (n_segments, 2) first and goal frames."""
-    return np.sort([rng.choice(n_frames, 2, replace=False) for _ in range(n_segments)], axis=1)
-
-
-def named(model: Model) -> Indices:
-    """Return the one filling in which each object has the role of its own number."""
-    return np.arange(len(model.features.objects))[None]
 
 
 def ratios(model: Model, motion: Tracks, segments: Indices | Sequence[Sequence[int]]) -> Floats:
@@ -257,7 +214,7 @@ def test_frames_outside_a_segment_do_not_matter(seed: int) -> None:
 def test_of_a_long_segment_each_frame_looked_at_counts_for_those_left_out(step: int) -> None:
     rng, last = np.random.default_rng(3), step * MOST_FRAMES + step - 1
     model, motion = model_of(rng, (3, 6)), motion_of(rng, last + 1)
-    seen = whole(model, motion, (0, last))[::step]
+    seen = whole(model, motion, (0, last))[last % step :: step]
     expected = [step * (viterbi(action, seen) - background(model, seen)) for action in model.actions]
     np.testing.assert_allclose(ratios(model, motion, [(0, last)])[0], expected, rtol=1e-9)
 

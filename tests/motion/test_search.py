@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.motion.model import Model
-from app.motion.scoring import Indices
 from app.motion.search import PACE, Bounds, Found, Search, bounds_of
-from app.motion.trajectory import Floats
+from app.motion.trajectory import Floats, Indices
 
 LAW = settings(derandomize=True, deadline=None, max_examples=200)
 
