@@ -3,6 +3,7 @@
 PYTHON ?= $(shell for p in python3.11 python3; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 READY := .venv/ready
+KERNELS := .venv/kernels
 IN := .venv/bin/
 
 .PHONY: help demo test check clean
@@ -10,10 +11,10 @@ IN := .venv/bin/
 help: ## Say what there is to make
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' Makefile
 
-demo: $(READY) ## Train, recognise and re-enact simulated actions through a server
+demo: $(READY) $(KERNELS) ## Train, recognise and re-enact simulated actions through a server
 	$(IN)gesta demo
 
-test: $(READY) ## Run the tests
+test: $(READY) $(KERNELS) ## Run the tests
 	$(IN)pytest
 
 check: $(READY) ## Check style, types and architecture
@@ -31,4 +32,9 @@ $(READY): pyproject.toml
 	@echo 'Setting up .venv, once: a minute or two'
 	$(PYTHON) -m venv .venv
 	$(IN)pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@
+
+# What numba has compiled of a file does not hang on the files that it calls: after a change it all goes.
+$(KERNELS): $(wildcard app/motion/*.py) | $(READY)
+	@rm -f app/motion/__pycache__/*.nb?
 	@touch $@

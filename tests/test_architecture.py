@@ -38,7 +38,9 @@ VALUES = ("app.motion.errors", "app.motion.trajectory", "app.motion.model")
 ROOMS = ("app.motion", "app.formats", "app.registry", "app.service", "app.api", "app.dashboard")
 
 TABLE = {
-    "app.motion": Room(("numpy", "scipy", "numba", "hmmlearn", "sklearn"), must_not=(*CLOCK, *FILES, *WORLD)),
+    "app.motion": Room(
+        ("numpy", "scipy", "numba", "llvmlite", "hmmlearn", "sklearn"), must_not=(*CLOCK, *FILES, *WORLD)
+    ),
     "app.formats": Room(("numpy",), VALUES),
     "app.registry": Room(("sqlalchemy", "alembic", "numpy"), VALUES),
     "app.service": Room(("dbos", "numpy"), ("app.motion", "app.formats", "app.registry")),

@@ -86,7 +86,7 @@ class Criterion:
             tempo=np.array([np.add(action.tempo, in_frames) for action in model.actions]),
             nearest=np.array([max(action.lengths.min() / NEARER, BLEND) for action in model.actions]),
         )
-        self._context = np.empty((len(fillings), self._states.mean.shape[1]))
+        self._lanes = lanes_for(self._states, len(fillings))
         self.typical = float(model.evidence * model.familiarity.typical.mean())
 
     def __call__(self, tracks: Tracks, segments: Indices) -> Scores:
@@ -99,7 +99,7 @@ class Criterion:
 
     def most(self, tracks: Tracks, frame: int) -> Floats:
         """Return (n_classes,) what a frame can count at most in ``ratio`` [nat]."""
-        return most(self._context, tracks, self._table_height, frame, self._states, self._fillings)
+        return most(self._lanes, tracks, self._table_height, frame, self._states, self._fillings)
 
     def best(
         self, tracks: Tracks, segments: Indices, bounds: Floats, before: Floats, least: Floats

@@ -123,7 +123,7 @@ def _outlook(
     for k in range(n_classes):
         for p in range(n_phases):
             _goal(start, here, max(course.way[k, p], LEAST_WAY), course.aside[k, p], goals[k, p])
-            put(lanes, p, origin, start, goals[k, p], (through - origin) / PHASES[p])
+            put(lanes, p, (origin, through), start, goals[k, p], (through - origin) / PHASES[p])
         follow(lanes, tracks, table_height, frames, np.array([k]), states, fillings)
         for p in range(n_phases):
             slow = (np.log((through - origin) / PHASES[p]) - course.tempo[k, 0]) / course.tempo[k, 1]

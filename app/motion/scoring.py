@@ -16,6 +16,7 @@ object that behaves as the role's did in the demonstrations.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,7 +25,7 @@ from scipy.special import gammaln
 
 from app.motion.conditioning import Tracks
 from app.motion.features import N_DEVIATIONS
-from app.motion.lanes import Lanes, States, begin, follow, lanes_for, log_of, put
+from app.motion.lanes import Lanes, States, begin, follow, lanes_for, put
 from app.motion.model import PHASE, ActionModel, Background
 from app.motion.simd import LANES
 from app.motion.trajectory import Floats, Indices
@@ -44,34 +45,36 @@ def predictive(action: ActionModel) -> tuple[float, Floats]:
 
 def states_of(actions: Sequence[ActionModel], background: Background) -> States:
     """Return the states of all classes, ready for ``score_segments``."""
-    power, base, slope, stay, enter, leave = [], [], [], [], [], []
+    power, base, root, stay, enter, leave, least = [], [], [], [], [], [], []
     for action in actions:
         freedom, scale = predictive(action)
         power.append((freedom + 1.0) / 2.0)
         log_peak = gammaln(power[-1]) - gammaln(freedom / 2.0) - 0.5 * np.log(np.pi * freedom)
         base.append(np.exp((np.log(scale / background.width) - log_peak) / power[-1]))
-        slope.append(base[-1] / (freedom * scale**2))
+        root.append(1.0 / (np.sqrt(freedom) * scale))
+        least.append(base[-1][:, [*range(N_DEVIATIONS), PHASE]].prod(axis=1))
         stay.append(action.stay ** (-1.0 / power[-1]))
         leave.append((1.0 - action.stay) ** (-1.0 / power[-1]))
         enter.append(np.append(1.0, leave[-1][:-1]))
     return States(
         first=np.cumsum([0, *(action.n_states for action in actions)]),
         power=np.array(power),
-        mean=_columns([action.means for action in actions], 0.0),
+        root=_columns(root, 0.0),
+        centre=_columns([at * action.means for at, action in zip(root, actions, strict=True)], 0.0),
         base=_columns(base, 1.0),
-        slope=_columns(slope, 0.0),
-        stay=np.concatenate(stay),
-        enter=np.concatenate(enter),
-        leave=np.concatenate(leave),
-        least=np.vstack(base)[:, [*range(N_DEVIATIONS), PHASE]].prod(axis=1),
+        stay=_columns(stay, 1.0) * _columns(least, 1.0),
+        enter=_columns(enter, 1.0) * _columns(least, 1.0),
+        unseen=1.0 / _columns(least, 1.0),
+        leave=_columns(leave, 1.0),
+        ones=np.ones(LANES),
     )
 
 
 def _columns(of_actions: Sequence[Floats], idle: float) -> Floats:
-    """Return (n_features, n_columns) values of all states and of idle ones up to a multiple of LANES."""
-    rows = np.vstack(of_actions)
-    columns = np.full((rows.shape[1], -(-len(rows) // LANES) * LANES), idle)
-    columns[:, : len(rows)] = rows.T
+    """Return (…, n_columns) values of all states, and of idle ones up to a multiple of LANES."""
+    rows = np.concatenate(of_actions)
+    columns = np.full((*rows.shape[1:], -(-len(rows) // LANES) * LANES), idle)
+    columns[..., : len(rows)] = rows.T
     return columns
 
 
@@ -137,28 +140,16 @@ def score_together(
     """Write what ``score_segments`` says of at most LANES segments that go together, of some classes."""
     for lane in range(LANES):
         origin, goal = segments[min(lane, len(segments) - 1)]
-        put(lanes, lane, origin, tracks.hand[origin], tracks.hand[goal], float(max(goal - origin, 1)))
+        duration = float(max(goal - origin, 1))
+        put(lanes, lane, (origin, goal), tracks.hand[origin], tracks.hand[goal], duration)
     begin(lanes)
-    step, ends = step_of(segments[0]), np.unique(segments[:, 1])
-    frame = ends[-1] - (ends[-1] - segments[:, 0].min()) // step * step
-    for end in ends:
-        follow(lanes, tracks, table_height, (frame, end + 1, step), classes, states, fillings)
-        frame = end + step
-        for lane in range(len(segments)):
-            if segments[lane, 1] == end:
-                _end(lanes, lane, step, classes, states, ratios[lane], filled[lane])
-
-
-@njit(cache=True, nogil=True)
-def _end(
-    lanes: Lanes, lane: int, step: int, classes: Indices, states: States, ratios: Floats, filled: Indices
-) -> None:
-    """Write what the paths of a lane that leave the last states are worth."""
-    for k in classes:
-        last = states.first[k + 1] - 1
-        for f in range(len(lanes.cost)):
-            cost = lanes.cost[f, last + k + 1, lane] * states.leave[last]
-            if cost < np.inf:
-                ratio = -step * states.power[k] * log_of(cost, lanes.halved[f, k, lane])
-                if ratio > ratios[k]:
-                    ratios[k], filled[k] = ratio, f
+    step, last = step_of(segments[0]), segments[:, 1].max()
+    frames = last - (last - segments[:, 0].min()) // step * step, last + 1, step
+    follow(lanes, tracks, table_height, frames, classes, states, fillings)
+    for lane in range(len(segments)):
+        for k in classes:
+            leave = math.log(states.leave[states.first[k + 1] - 1])
+            for f in range(len(fillings)):
+                ratio = -step * states.power[k] * (lanes.ended[f, k, lane] + leave)
+                if ratio > ratios[lane, k]:
+                    ratios[lane, k], filled[lane, k] = ratio, f

@@ -10,9 +10,10 @@ from threading import Barrier
 from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import inspect
 
-from app.registry.database import Database, migration_config
+from app.registry.database import NEWEST, Database, migration_config
 from app.registry.tables import metadata
 
 
@@ -35,6 +36,12 @@ def test_foreign_keys_and_checks_are_in_the_database(database: Database) -> None
         "ck_versions_counts_from_one",
         "ck_versions_base_is_older",
     }
+
+
+def test_the_newest_revision_is_known_without_looking(database: Database) -> None:
+    with database.engine.connect() as connection:
+        scripts = ScriptDirectory.from_config(migration_config(connection))
+        assert scripts.get_current_head() == NEWEST
 
 
 def test_down_and_up_again(database: Database) -> None:
