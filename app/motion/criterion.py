@@ -29,7 +29,7 @@ from app.motion.conditioning import Tracks
 from app.motion.features import BLEND
 from app.motion.lanes import States, lanes_for, most
 from app.motion.model import Model
-from app.motion.scoring import go_together, score_segments, score_together, states_of, step_of
+from app.motion.scoring import go_together, model_states, score_segments, score_together, step_of
 from app.motion.simd import LANES
 from app.motion.trajectory import Floats, Indices
 
@@ -78,7 +78,7 @@ class Criterion:
     """The criterion of a model's classes on one table; fillings: (n_fillings, n_roles) objects in roles."""
 
     def __init__(self, model: Model, table_height: float, fillings: Indices) -> None:
-        self._states = states_of(model.actions, model.background)
+        self._states = model_states(model)
         self._table_height, self._fillings, self._rest = table_height, fillings, model.rest
         in_frames = [np.log(model.features.rate), 0.0]
         self._terms = Terms(

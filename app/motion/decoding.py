@@ -139,7 +139,7 @@ class Decoder:
     def __init__(self, parts: Parts, limits: Limits, origin: int = 0) -> None:
         self._parts, self._limits, self._unknown = parts, limits, UNKNOWN * parts.typical
         self._n_points = origin
-        self._places = Places(origin, 4 * (limits.horizon // limits.spacing + 2), PAUSE)
+        self._places = Places(origin, 2 * (limits.horizon // limits.spacing + 2), PAUSE)
         self._pending: Indices = np.empty(0, dtype=np.int64)
         self._is_open = False
 

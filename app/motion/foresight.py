@@ -17,7 +17,7 @@ from app.motion.conditioning import Tracks
 from app.motion.features import axes
 from app.motion.lanes import States, begin, follow, lanes_for, least_log, put
 from app.motion.model import PHASE, ActionModel, Model
-from app.motion.scoring import states_of
+from app.motion.scoring import model_states
 from app.motion.trajectory import Floats, Indices
 
 PHASES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97])
@@ -63,7 +63,7 @@ class Foresight:
     """The outlook of a model's classes on one table; fillings: (n_fillings, n_roles)."""
 
     def __init__(self, model: Model, table_height: float, fillings: Indices) -> None:
-        self._states = states_of(model.actions, model.background)
+        self._states = model_states(model)
         self._table_height, self._fillings = table_height, fillings
         self._evidence, self._course = model.evidence, course_of(model)
 

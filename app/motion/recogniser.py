@@ -84,7 +84,8 @@ class Recogniser:
         self._objects = model.features.objects if objects is None else objects
         self._fillings = fillings(model.features.objects, self._objects)
         self._limits, self._bounds = limits_of(model, bound), bounds_of(model)
-        self._window = Window(model, scene, self._fillings, len(self._objects), 2 * self._limits.horizon)
+        room = self._limits.horizon + self._limits.horizon // 4
+        self._window = Window(model, scene, self._fillings, len(self._objects), room)
         self._period = Period(rate)
         self._gaps = Gaps()
         self._n_frames, self._time = 0, -np.inf

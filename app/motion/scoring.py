@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -26,12 +27,15 @@ from scipy.special import gammaln
 from app.motion.conditioning import Tracks
 from app.motion.features import N_DEVIATIONS
 from app.motion.lanes import Lanes, States, begin, follow, lanes_for, put
-from app.motion.model import PHASE, ActionModel, Background
+from app.motion.model import PHASE, ActionModel, Background, Model
 from app.motion.simd import LANES
 from app.motion.trajectory import Floats, Indices
 
 MOST_FRAMES = 200
 """Of a longer segment every second frame is looked at, or every third …, and counts for the others."""
+
+KEPT = 32
+"""Models whose states are kept."""
 
 
 def predictive(action: ActionModel) -> tuple[float, Floats]:
@@ -68,6 +72,12 @@ def states_of(actions: Sequence[ActionModel], background: Background) -> States:
         leave=_columns(leave, 1.0),
         ones=np.ones(LANES),
     )
+
+
+@lru_cache(maxsize=KEPT)
+def model_states(model: Model) -> States:
+    """Return the states of a model, the same to all who ask while it is among the last."""
+    return states_of(model.actions, model.background)
 
 
 def _columns(of_actions: Sequence[Floats], idle: float) -> Floats:
