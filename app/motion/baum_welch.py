@@ -1,21 +1,35 @@
-"""Baum-Welch for left-right Gaussian HMMs (Sec. III-B of the paper); the only user of hmmlearn."""
+"""Baum-Welch for left-right Gaussian HMMs (Sec. III-B of the paper), compiled.
+
+From frame to frame a path stays or goes on to the next state, so that a pass costs states, not states
+squared. It begins in the first state and ends in the last: it leaves every other state exactly once, and
+how long the states last is all that there is to learn of transitions.
+
+Probabilities of paths are kept as ``size * RANGE**power``, with whole powers of their own for each state and
+frame. A frame far from all states takes nothing out of the range of numbers, and only densities need an
+exponential.
+"""
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
-from hmmlearn.hmm import GaussianHMM
+from numba import njit
+from numpy.typing import NDArray
 
 from app.motion.trajectory import Floats
+
+Indices = NDArray[np.int64]
 
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-3
 """Baum-Welch ends where an iteration gains less than this [nat per frame]."""
 
-logging.getLogger("hmmlearn").setLevel(logging.ERROR)
+RANGE = 2.0**512
+LOG_RANGE = 512.0 * np.log(2.0)
+LOW, HIGH = 2.0**-256, 2.0**256
+"""Sizes lie between these: a product of two of them is still a number."""
 
 
 class Chain(NamedTuple):
@@ -31,6 +45,24 @@ class Chain(NamedTuple):
     weights: Floats
 
 
+class Scaled(NamedTuple):
+    """Numbers of any magnitude, ``size * RANGE**power``, each (n_frames, n_states)."""
+
+    size: Floats
+    power: Floats
+
+
+class Statistics(NamedTuple):
+    """What the states of a chain explain.
+
+    weights: (n_states,) frames; sums, squares: (n_states, n_features) of how far these are from the mean.
+    """
+
+    weights: Floats
+    sums: Floats
+    squares: Floats
+
+
 def train_chain(
     sequences: Sequence[Floats], initial: Chain, floor: Floats, known: Chain | None = None
 ) -> Chain:
@@ -41,19 +73,17 @@ def train_chain(
     weighed against all that came before (the paper's incremental estimation). The result may hold
     non-finite numbers where a state explains nothing; whoever stores it must look.
     """
-    lengths = [len(sequence) for sequence in sequences]
-    hmm = _LeftRight(initial, floor, known, TOLERANCE * sum(lengths))
-    hmm.fit(np.concatenate(sequences), lengths)
-    stay = np.diag(hmm.transmat_).copy()
-    visits = len(sequences) + (0.0 if known is None else known.weights[-1] * (1.0 - known.stay[-1]))
-    stay[-1] = 1.0 - visits / hmm.weights[-1]
-    return Chain(hmm.means_, hmm._covars_, stay, hmm.weights)
+    features, first = _joined(sequences)
+    begin = initial._replace(variances=np.maximum(initial.variances, floor))
+    before = initial._replace(weights=np.zeros(len(initial.stay))) if known is None else known
+    tolerance = TOLERANCE * len(features)
+    return Chain(*_train(features, first, _own(begin), floor, _own(before), tolerance, MAX_ITERATIONS))
 
 
 def log_likelihoods(sequences: Sequence[Floats], chain: Chain) -> Floats:
     """Return (n_sequences,) log-likelihoods, each summed over all paths that end in the last state [nat]."""
-    hmm = _LeftRight(chain, chain.variances.min(axis=0), None, 0.0)
-    return np.array([hmm.score(sequence) for sequence in sequences])
+    result: Floats = _log_likelihoods(*_joined(sequences), _own(chain))
+    return result
 
 
 def repetition(sequences: Sequence[Floats], chain: Chain) -> float:
@@ -63,54 +93,238 @@ def repetition(sequences: Sequence[Floats], chain: Chain) -> float:
     mean square of such a sum is the number of frames where they are independent, and as many times more as
     they repeat each other: the integrated autocorrelation time.
     """
-    hmm = _LeftRight(chain, chain.variances.min(axis=0), None, 0.0)
-    repeated = []
-    for sequence in sequences:
-        states = hmm.predict(sequence)
-        deviations = (sequence - chain.means[states]) / np.sqrt(chain.variances[states])
-        repeated.append(np.mean(deviations.sum(axis=0) ** 2) / len(sequence))
-    return max(float(np.mean(repeated)), 1.0)
+    features, first = _joined(sequences)
+    states = _best_paths(features, first, _own(chain))
+    deviations = (features - chain.means[states]) / np.sqrt(chain.variances[states])
+    squares = np.add.reduceat(deviations, first[:-1]) ** 2
+    return max(float(np.mean(squares.mean(axis=1) / np.diff(first))), 1.0)
 
 
-class _LeftRight(GaussianHMM):  # type: ignore[misc]
-    """hmmlearn's Gaussian HMM, made to end in its last state, with floored variances."""
+class Estimator(NamedTuple):
+    """What chains are trained and judged with: the functions of this module, or others that do the same."""
 
-    _covars_: Floats
-
-    def __init__(self, initial: Chain, floor: Floats, known: Chain | None, tolerance: float) -> None:
-        super().__init__(
-            len(initial.means),
-            "diag",
-            covars_prior=0.0,
-            init_params="",
-            params="tmc",
-            n_iter=MAX_ITERATIONS,
-            tol=tolerance,
-        )
-        self.startprob_ = np.eye(len(initial.means))[0]
-        self.transmat_ = _transitions(initial.stay)
-        self.means_ = initial.means
-        self.covars_ = np.maximum(initial.variances, floor)
-        self.floor, self.known, self.weights = floor, known, initial.weights
-
-    def _compute_log_likelihood(self, features: Floats) -> Floats:
-        log_densities: Floats = super()._compute_log_likelihood(features)
-        log_densities[-1, :-1] = -np.inf
-        return log_densities
-
-    def _do_mstep(self, stats: dict[str, Any]) -> None:
-        if self.known is not None:
-            weights = self.known.weights[:, None]
-            stats["post"] += self.known.weights
-            stats["obs"] += weights * self.known.means
-            stats["obs**2"] += weights * (self.known.variances + self.known.means**2)
-            stats["trans"] += weights * _transitions(self.known.stay)
-        self.weights = stats["post"]
-        super()._do_mstep(stats)
-        self._covars_ = np.maximum(self._covars_, self.floor)
+    train_chain: Callable[[Sequence[Floats], Chain, Floats, Chain | None], Chain]
+    log_likelihoods: Callable[[Sequence[Floats], Chain], Floats]
+    repetition: Callable[[Sequence[Floats], Chain], float]
 
 
-def _transitions(stay: Floats) -> Floats:
-    transitions: Floats = np.diag(stay) + np.diag(1.0 - stay[:-1], 1)
-    transitions[-1, -1] = 1.0
-    return transitions
+COMPILED = Estimator(train_chain, log_likelihoods, repetition)
+
+
+def _joined(sequences: Sequence[Floats]) -> tuple[Floats, Indices]:
+    """Return the frames of all sequences, and (n_sequences + 1,) where each begins."""
+    lengths = [len(sequence) for sequence in sequences]
+    return np.concatenate(sequences, dtype=np.float64), np.cumsum([0, *lengths])
+
+
+def _own(chain: Chain) -> Chain:
+    """Return a copy whose arrays lie as the kernels were compiled for."""
+    return Chain(*(np.array(part, dtype=np.float64, order="C") for part in chain))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _train(
+    features: Floats,
+    first: Indices,
+    chain: Chain,
+    floor: Floats,
+    known: Chain,
+    tolerance: float,
+    max_iterations: int,
+) -> Chain:
+    """Return the chain after the iteration that gains less than the tolerance [nat], or after the last."""
+    explained = -np.inf
+    for iteration in range(max_iterations):
+        densities = _scaled(_log_densities(features, chain))
+        paths = _forward(densities, first, chain.stay)
+        before, explained = explained, _ended(paths, first).sum()
+        statistics = _collect(features, _shares(densities, paths, first, chain.stay), chain.means)
+        chain = _estimate(chain, statistics, len(first) - 1.0, floor, known)
+        if iteration > 0 and explained - before < tolerance:
+            break
+    return chain
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _log_likelihoods(features: Floats, first: Indices, chain: Chain) -> Floats:
+    """Return (n_sequences,) log-likelihoods [nat]."""
+    return _ended(_forward(_scaled(_log_densities(features, chain)), first, chain.stay), first)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _best_paths(features: Floats, first: Indices, chain: Chain) -> Indices:
+    """Return the (n_frames,) states of the best path through each sequence (Viterbi)."""
+    log_densities, n_states = _log_densities(features, chain), len(chain.stay)
+    staying, leaving = np.log(_within(chain.stay)), np.log(1.0 - chain.stay)
+    entered = np.zeros(log_densities.shape, dtype=np.bool_)
+    states = np.empty(len(features), dtype=np.int64)
+    for sequence in range(len(first) - 1):
+        begin, stop = first[sequence], first[sequence + 1]
+        best = np.full(n_states, -np.inf)
+        best[0] = log_densities[begin, 0]
+        for frame in range(begin + 1, stop):
+            for s in range(n_states - 1, -1, -1):
+                stayed = best[s] + staying[s]
+                came = best[s - 1] + leaving[s - 1] if s > 0 else -np.inf
+                entered[frame, s] = s > 0 and came >= stayed
+                best[s] = max(stayed, came) + log_densities[frame, s]
+        state = n_states - 1
+        for frame in range(stop - 1, begin - 1, -1):
+            states[frame] = state
+            state -= entered[frame, state]
+    return states
+
+
+@njit(cache=True, nogil=True)
+def _within(stay: Floats) -> Floats:
+    """Return the probabilities of staying before a sequence ends: nothing comes after the last state."""
+    within = stay.copy()
+    within[-1] = 1.0
+    return within
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _log_densities(features: Floats, chain: Chain) -> Floats:
+    """Return the (n_frames, n_states) log-densities."""
+    n_frames, n_features = features.shape
+    columns, of_state = features.T.copy(), np.empty(n_frames)
+    log_densities = np.empty((n_frames, len(chain.stay)))
+    for s in range(len(chain.stay)):
+        of_state[:] = -0.5 * (n_features * np.log(2.0 * np.pi) + np.log(chain.variances[s]).sum())
+        for d in range(n_features):
+            column, mean, factor = columns[d], chain.means[s, d], -0.5 / chain.variances[s, d]
+            for frame in range(n_frames):
+                off = column[frame] - mean
+                of_state[frame] += factor * off * off
+        log_densities[:, s] = of_state
+    return log_densities
+
+
+@njit(cache=True, nogil=True)
+def _scaled(logs: Floats) -> Scaled:
+    """Return the exponentials of logarithms."""
+    size, power = np.empty_like(logs), np.empty_like(logs)
+    for frame in range(logs.shape[0]):
+        for s in range(logs.shape[1]):
+            whole = np.floor(logs[frame, s] / LOG_RANGE + 0.5)
+            size[frame, s], power[frame, s] = np.exp(logs[frame, s] - whole * LOG_RANGE), whole
+    return Scaled(size, power)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _brought_back(size: float, power: float) -> tuple[float, float]:
+    """Return the same number with its size between LOW and HIGH."""
+    if size > HIGH:
+        return size / RANGE, power + 1.0
+    if 0.0 < size < LOW:
+        return size * RANGE, power - 1.0
+    return size, power
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _sum(size: float, power: float, other: float, other_power: float) -> tuple[float, float]:
+    """Return the sum of two numbers; two powers below the larger, the other adds nothing to it."""
+    if power == other_power:
+        return size + other, power
+    if power > other_power:
+        return (size + other / RANGE if power - other_power < 1.5 else size), power
+    return (other + size / RANGE if other_power - power < 1.5 else other), other_power
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _plain(size: float, power: float) -> float:
+    """Return a number of at most about 1 as a float."""
+    if power < -1.5:
+        return 0.0
+    if power < -0.5:
+        return size / RANGE
+    return size * RANGE if power > 0.5 else size
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _between(begin: int, frame: int, stop: int, n_states: int) -> tuple[int, int]:
+    """Return the first state with a way to the end, and one after the last that can be reached."""
+    return max(n_states - (stop - frame), 0), min(frame - begin + 1, n_states)
+
+
+@njit(cache=True, nogil=True)
+def _forward(densities: Scaled, first: Indices, stay: Floats) -> Scaled:
+    """Return the probability of all paths to each state at each frame; 0 where there is no way to the end."""
+    n_states, within = len(stay), _within(stay)
+    sizes, powers = np.zeros(densities.size.shape), np.full(densities.size.shape, -np.inf)
+    for sequence in range(len(first) - 1):
+        begin, stop = first[sequence], first[sequence + 1]
+        if stop - begin >= n_states:
+            sizes[begin, 0], powers[begin, 0] = densities.size[begin, 0], densities.power[begin, 0]
+        for frame in range(begin + 1, stop):
+            low, high = _between(begin, frame, stop, n_states)
+            for s in range(low, high):
+                size, power = within[s] * sizes[frame - 1, s], powers[frame - 1, s]
+                if s > 0:
+                    entered = (1.0 - within[s - 1]) * sizes[frame - 1, s - 1]
+                    size, power = _sum(size, power, entered, powers[frame - 1, s - 1])
+                size, power = size * densities.size[frame, s], power + densities.power[frame, s]
+                sizes[frame, s], powers[frame, s] = _brought_back(size, power)
+    return Scaled(sizes, powers)
+
+
+@njit(cache=True, nogil=True)
+def _ended(paths: Scaled, first: Indices) -> Floats:
+    """Return the (n_sequences,) log-likelihoods of all paths that end in the last state [nat]."""
+    ends = first[1:] - 1
+    logs: Floats = np.log(paths.size[ends, -1]) + LOG_RANGE * paths.power[ends, -1]
+    return logs
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shares(densities: Scaled, paths: Scaled, first: Indices, stay: Floats) -> Floats:
+    """Return the (n_states, n_frames) probabilities that a path is in each state (forward-backward)."""
+    n_states, within = len(stay), _within(stay)
+    shares = np.zeros((n_states, len(paths.size)))
+    for sequence in range(len(first) - 1):
+        begin, stop = first[sequence], first[sequence + 1]
+        sizes, powers = np.zeros(n_states), np.full(n_states, -np.inf)
+        sizes[-1], powers[-1] = 1.0 / paths.size[stop - 1, -1], -paths.power[stop - 1, -1]
+        for frame in range(stop - 1, begin - 1, -1):
+            low, high = _between(begin, frame, stop, n_states)
+            for s in range(low, high):
+                size, power = within[s] * sizes[s], powers[s]
+                if s < n_states - 1:
+                    size, power = _sum(size, power, (1.0 - within[s]) * sizes[s + 1], powers[s + 1])
+                shares[s, frame] = _plain(size * paths.size[frame, s], power + paths.power[frame, s])
+                size, power = size * densities.size[frame, s], power + densities.power[frame, s]
+                sizes[s], powers[s] = _brought_back(size, power)
+    return shares
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc"})
+def _collect(features: Floats, shares: Floats, means: Floats) -> Statistics:
+    """Return what the states explain, each frame shared out among them."""
+    columns, weights = features.T.copy(), np.zeros(len(means))
+    sums, squares = np.zeros_like(means), np.zeros_like(means)
+    for s in range(len(means)):
+        weights[s] = shares[s].sum()
+        for d in range(len(columns)):
+            column, share, mean, total, square = columns[d], shares[s], means[s, d], 0.0, 0.0
+            for frame in range(len(column)):
+                off = column[frame] - mean
+                total += share[frame] * off
+                square += share[frame] * off * off
+            sums[s, d], squares[s, d] = total, square
+    return Statistics(weights, sums, squares)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _estimate(chain: Chain, statistics: Statistics, n_sequences: float, floor: Floats, known: Chain) -> Chain:
+    """Return the chain that explains best what its states explain, and what those of ``known`` did."""
+    weights = statistics.weights + known.weights
+    means, variances = np.empty_like(chain.means), np.empty_like(chain.means)
+    for s in range(len(weights)):
+        before = known.means[s] - chain.means[s]
+        sums = statistics.sums[s] + known.weights[s] * before
+        squares = statistics.squares[s] + known.weights[s] * (known.variances[s] + before**2)
+        shift = sums / weights[s]
+        means[s] = chain.means[s] + shift
+        variances[s] = np.maximum(squares / weights[s] - shift**2, floor)
+    left = n_sequences + known.weights * (1.0 - known.stay)
+    return Chain(means, variances, np.maximum(1.0 - left / weights, 0.0), weights)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.motion.baum_welch import Chain, log_likelihoods, repetition, train_chain
+from app.motion.baum_welch import COMPILED, Chain, Estimator
 from app.motion.conditioning import Tracks, condition
 from app.motion.errors import FitFailed, RoleMissing, UnusableDemonstration
 from app.motion.features import BLEND, N_DEVIATIONS, encode
@@ -111,32 +111,32 @@ def fit_model(
     base: Model | None = None,
     learned: Collection[int] = (),
     progress: Progress = lambda *_: None,
+    estimator: Estimator = COMPILED,
 ) -> Model:
     """Return a model of all demonstrations, one action model per class.
 
     ``learned`` holds the indices of those that ``base`` was trained on: a class with nothing new keeps its
     action model, a class with more goes on from it with the new ones alone, a class that lost some is
     trained afresh. ``progress(done, total, message)`` is called before each class; what it raises ends the
-    training. Raises RoleMissing, UnusableDemonstration, FitFailed.
+    training. estimator: of the chains; ``by_hmmlearn.HMMLEARN`` gives the same, later. Raises RoleMissing,
+    UnusableDemonstration, FitFailed.
     """
-    examples: dict[str, list[_Example]] = {}
-    for index, demonstration in enumerate(demonstrations):
-        check_demonstration(index, demonstration, features)
-        example = _example(index, demonstration, features, is_new=index not in learned)
-        examples.setdefault(demonstration.action, []).append(example)
+    examples: dict[str, list[Example]] = {}
+    for example in examples_of(demonstrations, features):
+        examples.setdefault(example.action, []).append(example)
     models = []
     for done, (action, of_class) in enumerate(sorted(examples.items())):
         progress(done, len(examples), f"training {action}")
-        known = _known(base, action, of_class)
-        new = [example for example in of_class if example.is_new]
+        new = [example for example in of_class if example.place not in learned]
+        known = _known(base, action, len(of_class) - len(new))
         if known is None:
-            models.append(_fit_action(action, of_class, features, options))
+            models.append(fit_action(of_class, features, options, estimator))
         else:
-            models.append(_fit_further(known, new, features, options) if new else known)
+            models.append(_fit_further(known, new, features, options, estimator) if new else known)
     progress(len(examples), len(examples), "trained")
     frames = np.concatenate([example.sequence for of_class in examples.values() for example in of_class])
     background = Background(BACKGROUND * np.maximum(frames.std(axis=0), _floor(features, options)))
-    shown = [(e.tracks, e.table_height, name) for name, of_class in examples.items() for e in of_class]
+    shown = [(e.tracks, e.table_height, e.action) for of_class in examples.values() for e in of_class]
     familiarity, rest = familiarity_of(models, background, shown), rest_of([each for each, _, _ in shown])
     return Model(features, tuple(models), background, familiarity, rest)
 
@@ -173,76 +173,88 @@ def observe(tracks: Tracks, table_height: float) -> Floats:
     return sequence[~np.isnan(sequence).any(axis=1)]
 
 
-class _Example(NamedTuple):
+class Example(NamedTuple):
     """A demonstration as it is learned from.
 
     place: its index in the list; tracks: conditioned; table_height [m]; sequence: (n_frames, n_features);
-    duration [s]; length: from start to goal [m]; is_new: whether the base has not learned from it.
+    duration [s]; length: from start to goal [m].
     """
 
     place: int
+    action: str
     tracks: Tracks
     table_height: float
     sequence: Floats
     duration: float
     length: float
-    is_new: bool
 
 
-def _example(
-    index: int, demonstration: Demonstration, features: FeatureSpecification, is_new: bool
-) -> _Example:
-    times, hand = demonstration.trajectory.times, demonstration.trajectory.hand
-    tracks, height = conditioned(demonstration, features), demonstration.scene.table_height
-    return _Example(
-        place=index,
-        tracks=tracks,
-        table_height=height,
-        sequence=observe(tracks, height),
-        duration=float(times[-1] - times[0]),
-        length=float(np.linalg.norm(hand[-1] - hand[0])),
-        is_new=is_new,
-    )
+def examples_of(demonstrations: Sequence[Demonstration], features: FeatureSpecification) -> list[Example]:
+    """Return what is learned from demonstrations; raises UnusableDemonstration, RoleMissing."""
+    examples = []
+    for index, demonstration in enumerate(demonstrations):
+        check_demonstration(index, demonstration, features)
+        times, hand = demonstration.trajectory.times, demonstration.trajectory.hand
+        tracks, height = conditioned(demonstration, features), demonstration.scene.table_height
+        example = Example(
+            place=index,
+            action=demonstration.action,
+            tracks=tracks,
+            table_height=height,
+            sequence=observe(tracks, height),
+            duration=float(times[-1] - times[0]),
+            length=float(np.linalg.norm(hand[-1] - hand[0])),
+        )
+        examples.append(example)
+    return examples
 
 
-def _check_lengths(action: str, examples: Sequence[_Example], needed: int) -> None:
+def _check_lengths(examples: Sequence[Example], needed: int) -> None:
     for example in examples:
         if (n_frames := len(example.sequence)) < needed:
             detail = f"has {n_frames} usable frames at the internal rate, needs at least {needed}"
-            raise UnusableDemonstration(example.place, action, detail)
+            raise UnusableDemonstration(example.place, example.action, detail)
 
 
-def _known(base: Model | None, action: str, examples: Sequence[_Example]) -> ActionModel | None:
+def _known(base: Model | None, action: str, n_old: int) -> ActionModel | None:
     """Return the base's action model if all that it was trained on is still there."""
     if base is None or action not in base.names:
         return None
     known = base.action(action)
-    n_old = sum(not example.is_new for example in examples)
     return known if known.n_demonstrations == n_old else None
 
 
-def _fit_action(
-    action: str, examples: Sequence[_Example], features: FeatureSpecification, options: TrainingOptions
+def fit_action(
+    examples: Sequence[Example],
+    features: FeatureSpecification,
+    options: TrainingOptions,
+    estimator: Estimator = COMPILED,
 ) -> ActionModel:
+    """Return the action model of a class by its examples; raises UnusableDemonstration, FitFailed."""
+    action = examples[0].action
     if len(examples) < MIN_DEMONSTRATIONS:
         raise FitFailed(action, f"has {len(examples)} demonstration, needs at least {MIN_DEMONSTRATIONS}")
-    _check_lengths(action, examples, options.n_states or 2 * STATES[0])
+    _check_lengths(examples, options.n_states or 2 * STATES[0])
     sequences = [example.sequence for example in examples]
     floor = _floor(features, options) ** 2
-    n_states = options.n_states or _choose_states(sequences, floor, options.seed)
-    chain = train_chain(sequences, _even(sequences, n_states), floor)
-    return _action_model(action, chain, examples)
+    n_states = options.n_states or _choose_states(sequences, floor, options.seed, estimator)
+    chain = estimator.train_chain(sequences, _even(sequences, n_states), floor, None)
+    return _action_model(chain, examples, estimator)
 
 
 def _fit_further(
-    known: ActionModel, examples: Sequence[_Example], features: FeatureSpecification, options: TrainingOptions
+    known: ActionModel,
+    examples: Sequence[Example],
+    features: FeatureSpecification,
+    options: TrainingOptions,
+    estimator: Estimator,
 ) -> ActionModel:
-    _check_lengths(known.action, examples, known.n_states)
+    _check_lengths(examples, known.n_states)
     floor = _floor(features, options) ** 2
     before = Chain(known.means, known.variances, known.stay, known.weights)
     begin = before._replace(stay=np.maximum(before.stay, MIN_STAY))
-    chain = train_chain([example.sequence for example in examples], begin, floor, known=before)
-    new = _action_model(known.action, chain, examples)
+    chain = estimator.train_chain([example.sequence for example in examples], begin, floor, before)
+    new = _action_model(chain, examples, estimator)
     return replace(
         new,
         durations=np.concatenate([known.durations, new.durations]),
@@ -255,7 +267,8 @@ def _fit_further(
     )
 
 
-def _action_model(action: str, chain: Chain, examples: Sequence[_Example]) -> ActionModel:
+def _action_model(chain: Chain, examples: Sequence[Example], estimator: Estimator) -> ActionModel:
+    action = examples[0].action
     if not all(np.isfinite(array).all() for array in chain):
         detail = "training gave numbers that are not finite: its demonstrations are too few or too alike"
         raise FitFailed(action, detail)
@@ -264,27 +277,29 @@ def _action_model(action: str, chain: Chain, examples: Sequence[_Example]) -> Ac
         *chain,
         durations=np.array([example.duration for example in examples]),
         lengths=np.array([example.length for example in examples]),
-        repetition=repetition([example.sequence for example in examples], chain),
+        repetition=estimator.repetition([example.sequence for example in examples], chain),
     )
 
 
 def _even(sequences: Sequence[Floats], n_states: int) -> Chain:
     """Return the chain that divides every sequence evenly among the states: where training starts."""
-    parts = [np.array_split(sequence, n_states) for sequence in sequences]
-    frames = [np.concatenate(of_state) for of_state in zip(*parts, strict=True)]
-    weights = np.array([float(len(of_state)) for of_state in frames])
-    stay = np.maximum(1.0 - len(sequences) / weights, MIN_STAY)
-    means = np.array([of_state.mean(axis=0) for of_state in frames])
-    variances = np.array([of_state.var(axis=0) for of_state in frames])
-    return Chain(means, variances, stay, weights)
+    lengths, states = np.array([len(sequence) for sequence in sequences]), np.arange(n_states)
+    least, more = np.divmod(lengths[:, None], n_states)
+    n_frames = least + (states < more)
+    of_frame = np.repeat(np.tile(states, len(sequences)), n_frames.ravel())
+    features, of_state = np.concatenate(sequences), (of_frame == states[:, None]).astype(np.float64)
+    weights = n_frames.sum(axis=0).astype(np.float64)
+    means = of_state @ features / weights[:, None]
+    variances = of_state @ (features - means[of_frame]) ** 2 / weights[:, None]
+    return Chain(means, variances, np.maximum(1.0 - len(sequences) / weights, MIN_STAY), weights)
 
 
-def _choose_states(sequences: Sequence[Floats], floor: Floats, seed: int) -> int:
+def _choose_states(sequences: Sequence[Floats], floor: Floats, seed: int, estimator: Estimator) -> int:
     """Return the fewest states that explain held-out demonstrations within one standard error of the best."""
     most = min(len(sequence) for sequence in sequences) // 2
     candidates = [n_states for n_states in STATES if n_states <= most]
     fold = np.random.default_rng(seed).permutation(len(sequences)) % min(N_FOLDS, len(sequences))
-    held_out = np.array([_held_out(sequences, n_states, floor, fold) for n_states in candidates])
+    held_out = np.array([_held_out(sequences, n, floor, fold, estimator) for n in candidates])
     best = held_out[held_out.sum(axis=1).argmax()]
     for n_states, of_candidate in zip(candidates, held_out, strict=True):
         loss = best - of_candidate
@@ -293,12 +308,14 @@ def _choose_states(sequences: Sequence[Floats], floor: Floats, seed: int) -> int
     return candidates[-1]
 
 
-def _held_out(sequences: Sequence[Floats], n_states: int, floor: Floats, fold: Indices) -> Floats:
+def _held_out(
+    sequences: Sequence[Floats], n_states: int, floor: Floats, fold: Indices, estimator: Estimator
+) -> Floats:
     """Return (n_sequences,) log-likelihoods, each under a chain trained on the other folds [nat]."""
     result = np.empty(len(sequences))
     for index in np.unique(fold):
         training = [s for s, of in zip(sequences, fold, strict=True) if of != index]
-        chain = train_chain(training, _even(training, n_states), floor)
-        for held in np.flatnonzero(fold == index).tolist():
-            result[held] = log_likelihoods([sequences[held]], chain)[0]
+        held = [s for s, of in zip(sequences, fold, strict=True) if of == index]
+        chain = estimator.train_chain(training, _even(training, n_states), floor, None)
+        result[fold == index] = estimator.log_likelihoods(held, chain)
     return result
