@@ -4,9 +4,9 @@ From frame to frame a path stays or goes on to the next state, so that a pass co
 squared. It begins in the first state and ends in the last: it leaves every other state exactly once, and
 how long the states last is all that there is to learn of transitions.
 
-Probabilities of paths are kept as ``size * RANGE**power``, with whole powers of their own for each state and
-frame. A frame far from all states takes nothing out of the range of numbers, and only densities need an
-exponential.
+Probabilities of paths are kept as logarithms: a frame far from all states takes nothing out of the range of
+numbers. The way forward notes for each state and frame how likely a path has just entered the state; with
+these shares alone, the way back tells how likely it is there.
 """
 
 from __future__ import annotations
@@ -16,20 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from app.motion.trajectory import Floats
-
-Indices = NDArray[np.int64]
+from app.motion.trajectory import Floats, Indices
 
 MAX_ITERATIONS = 30
 TOLERANCE = 1e-3
 """Baum-Welch ends where an iteration gains less than this [nat per frame]."""
 
-RANGE = 2.0**512
-LOG_RANGE = 512.0 * np.log(2.0)
-LOW, HIGH = 2.0**-256, 2.0**256
-"""Sizes lie between these: a product of two of them is still a number."""
+NEGLIGIBLE = 40.0
+"""A path so much less likely than another adds nothing to it [nat]."""
 
 
 class Chain(NamedTuple):
@@ -43,13 +38,6 @@ class Chain(NamedTuple):
     variances: Floats
     stay: Floats
     weights: Floats
-
-
-class Scaled(NamedTuple):
-    """Numbers of any magnitude, ``size * RANGE**power``, each (n_frames, n_states)."""
-
-    size: Floats
-    power: Floats
 
 
 class Statistics(NamedTuple):
@@ -82,8 +70,8 @@ def train_chain(
 
 def log_likelihoods(sequences: Sequence[Floats], chain: Chain) -> Floats:
     """Return (n_sequences,) log-likelihoods, each summed over all paths that end in the last state [nat]."""
-    result: Floats = _log_likelihoods(*_joined(sequences), _own(chain))
-    return result
+    logs: Floats = _forward(*_joined(sequences), _own(chain))[0]
+    return logs
 
 
 def repetition(sequences: Sequence[Floats], chain: Chain) -> float:
@@ -135,10 +123,9 @@ def _train(
     """Return the chain after the iteration that gains less than the tolerance [nat], or after the last."""
     explained = -np.inf
     for iteration in range(max_iterations):
-        densities = _scaled(_log_densities(features, chain))
-        paths = _forward(densities, first, chain.stay)
-        before, explained = explained, _ended(paths, first).sum()
-        statistics = _collect(features, _shares(densities, paths, first, chain.stay), chain.means)
+        logs, entered = _forward(features, first, chain)
+        before, explained = explained, logs.sum()
+        statistics = _collect(features, _shares(entered, first), chain.means)
         chain = _estimate(chain, statistics, len(first) - 1.0, floor, known)
         if iteration > 0 and explained - before < tolerance:
             break
@@ -146,9 +133,62 @@ def _train(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _log_likelihoods(features: Floats, first: Indices, chain: Chain) -> Floats:
-    """Return (n_sequences,) log-likelihoods [nat]."""
-    return _ended(_forward(_scaled(_log_densities(features, chain)), first, chain.stay), first)
+def _forward(features: Floats, first: Indices, chain: Chain) -> tuple[Floats, Floats]:
+    """Follow all paths.
+
+    Return (n_sequences,) log-likelihoods [nat], and the (n_frames, n_states) probabilities that a path in a
+    state was in the one before it a frame earlier.
+    """
+    log_densities, n_states = _log_densities(features, chain), len(chain.stay)
+    staying, leaving = np.log(_within(chain.stay)), np.log(1.0 - chain.stay)
+    logs, entered = np.empty(len(first) - 1), np.zeros(log_densities.shape)
+    for sequence in range(len(first) - 1):
+        begin, stop = first[sequence], first[sequence + 1]
+        paths = np.full(n_states, -np.inf)
+        paths[0] = log_densities[begin, 0]
+        for frame in range(begin + 1, stop):
+            low, high = _between(begin, frame, stop, n_states)
+            for s in range(high - 1, low - 1, -1):
+                came = paths[s - 1] + leaving[s - 1] if s > 0 else -np.inf
+                total, entered[frame, s] = _sum(paths[s] + staying[s], came)
+                paths[s] = total + log_densities[frame, s]
+        logs[sequence] = paths[-1]
+    return logs, entered
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _sum(log: float, other: float) -> tuple[float, float]:
+    """Return the logarithm of the sum of two numbers, and the other's share in it, NaN where both are 0."""
+    more = max(log, other)
+    if abs(log - other) > NEGLIGIBLE:
+        return more, 1.0 if other > log else 0.0
+    ratio = np.exp(other - log)
+    return log + np.log1p(ratio) if more > -np.inf else more, ratio / (1.0 + ratio)
+
+
+@njit(cache=True, nogil=True)
+def _shares(entered: Floats, first: Indices) -> Floats:
+    """Return the (n_states, n_frames) probabilities that a path is in each state."""
+    n_frames, n_states = entered.shape
+    shares = np.zeros((n_states, n_frames))
+    for sequence in range(len(first) - 1):
+        begin, stop = first[sequence], first[sequence + 1]
+        shares[-1, stop - 1] = 1.0
+        for frame in range(stop - 1, begin, -1):
+            low, high = _between(begin, frame, stop, n_states)
+            for s in range(low, high):
+                if shares[s, frame] != 0.0:
+                    came = shares[s, frame] * entered[frame, s]
+                    shares[s, frame - 1] += shares[s, frame] - came
+                    if s > 0:
+                        shares[s - 1, frame - 1] += came
+    return shares
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _between(begin: int, frame: int, stop: int, n_states: int) -> tuple[int, int]:
+    """Return the first state with a way to the end, and one after the last that can be reached."""
+    return max(n_states - (stop - frame), 0), min(frame - begin + 1, n_states)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -198,103 +238,6 @@ def _log_densities(features: Floats, chain: Chain) -> Floats:
                 of_state[frame] += factor * off * off
         log_densities[:, s] = of_state
     return log_densities
-
-
-@njit(cache=True, nogil=True)
-def _scaled(logs: Floats) -> Scaled:
-    """Return the exponentials of logarithms."""
-    size, power = np.empty_like(logs), np.empty_like(logs)
-    for frame in range(logs.shape[0]):
-        for s in range(logs.shape[1]):
-            whole = np.floor(logs[frame, s] / LOG_RANGE + 0.5)
-            size[frame, s], power[frame, s] = np.exp(logs[frame, s] - whole * LOG_RANGE), whole
-    return Scaled(size, power)
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _brought_back(size: float, power: float) -> tuple[float, float]:
-    """Return the same number with its size between LOW and HIGH."""
-    if size > HIGH:
-        return size / RANGE, power + 1.0
-    if 0.0 < size < LOW:
-        return size * RANGE, power - 1.0
-    return size, power
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _sum(size: float, power: float, other: float, other_power: float) -> tuple[float, float]:
-    """Return the sum of two numbers; two powers below the larger, the other adds nothing to it."""
-    if power == other_power:
-        return size + other, power
-    if power > other_power:
-        return (size + other / RANGE if power - other_power < 1.5 else size), power
-    return (other + size / RANGE if other_power - power < 1.5 else other), other_power
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _plain(size: float, power: float) -> float:
-    """Return a number of at most about 1 as a float."""
-    if power < -1.5:
-        return 0.0
-    if power < -0.5:
-        return size / RANGE
-    return size * RANGE if power > 0.5 else size
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _between(begin: int, frame: int, stop: int, n_states: int) -> tuple[int, int]:
-    """Return the first state with a way to the end, and one after the last that can be reached."""
-    return max(n_states - (stop - frame), 0), min(frame - begin + 1, n_states)
-
-
-@njit(cache=True, nogil=True)
-def _forward(densities: Scaled, first: Indices, stay: Floats) -> Scaled:
-    """Return the probability of all paths to each state at each frame; 0 where there is no way to the end."""
-    n_states, within = len(stay), _within(stay)
-    sizes, powers = np.zeros(densities.size.shape), np.full(densities.size.shape, -np.inf)
-    for sequence in range(len(first) - 1):
-        begin, stop = first[sequence], first[sequence + 1]
-        if stop - begin >= n_states:
-            sizes[begin, 0], powers[begin, 0] = densities.size[begin, 0], densities.power[begin, 0]
-        for frame in range(begin + 1, stop):
-            low, high = _between(begin, frame, stop, n_states)
-            for s in range(low, high):
-                size, power = within[s] * sizes[frame - 1, s], powers[frame - 1, s]
-                if s > 0:
-                    entered = (1.0 - within[s - 1]) * sizes[frame - 1, s - 1]
-                    size, power = _sum(size, power, entered, powers[frame - 1, s - 1])
-                size, power = size * densities.size[frame, s], power + densities.power[frame, s]
-                sizes[frame, s], powers[frame, s] = _brought_back(size, power)
-    return Scaled(sizes, powers)
-
-
-@njit(cache=True, nogil=True)
-def _ended(paths: Scaled, first: Indices) -> Floats:
-    """Return the (n_sequences,) log-likelihoods of all paths that end in the last state [nat]."""
-    ends = first[1:] - 1
-    logs: Floats = np.log(paths.size[ends, -1]) + LOG_RANGE * paths.power[ends, -1]
-    return logs
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _shares(densities: Scaled, paths: Scaled, first: Indices, stay: Floats) -> Floats:
-    """Return the (n_states, n_frames) probabilities that a path is in each state (forward-backward)."""
-    n_states, within = len(stay), _within(stay)
-    shares = np.zeros((n_states, len(paths.size)))
-    for sequence in range(len(first) - 1):
-        begin, stop = first[sequence], first[sequence + 1]
-        sizes, powers = np.zeros(n_states), np.full(n_states, -np.inf)
-        sizes[-1], powers[-1] = 1.0 / paths.size[stop - 1, -1], -paths.power[stop - 1, -1]
-        for frame in range(stop - 1, begin - 1, -1):
-            low, high = _between(begin, frame, stop, n_states)
-            for s in range(low, high):
-                size, power = within[s] * sizes[s], powers[s]
-                if s < n_states - 1:
-                    size, power = _sum(size, power, (1.0 - within[s]) * sizes[s + 1], powers[s + 1])
-                shares[s, frame] = _plain(size * paths.size[frame, s], power + paths.power[frame, s])
-                size, power = size * densities.size[frame, s], power + densities.power[frame, s]
-                sizes[s], powers[s] = _brought_back(size, power)
-    return shares
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})
