@@ -10,15 +10,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.motion.baum_welch import COMPILED, Estimator
 from app.motion.criterion import Criterion
 from app.motion.model import ActionModel, Model
 from app.motion.roles import fillings
-from app.motion.training import MIN_DEMONSTRATIONS, TrainingOptions, conditioned, fit_model
-from app.motion.trajectory import Demonstration
+from app.motion.training import MIN_DEMONSTRATIONS, Example, TrainingOptions, examples_of, fit_action
+from app.motion.trajectory import Demonstration, Indices
 
 N_FOLDS = 3
+
+Fitted = dict[tuple[int, ...], ActionModel]
+"""Action models by the places of the demonstrations that they were fitted to."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +38,14 @@ class Validation:
     confusion: dict[str, dict[str, int]]
 
 
-def classify(model: Model, demonstrations: Sequence[Demonstration]) -> list[str]:
+def classify(model: Model, examples: Sequence[Example]) -> list[str]:
     """Return the class that each whole demonstration is of by the criterion of recognition."""
-    found, roles = [], model.features.objects
-    for demonstration in demonstrations:
-        tracks = conditioned(demonstration, model.features)
-        criterion = Criterion(model, demonstration.scene.table_height, fillings(roles, roles))
-        [of_classes] = criterion(tracks, np.array([[0, len(tracks.pace) - 1]])).criterion
+    found, filled = [], fillings(model.features.objects, model.features.objects)
+    heights = {example.table_height for example in examples}
+    criteria = {height: Criterion(model, height, filled) for height in heights}
+    for example in examples:
+        whole = np.array([[0, len(example.tracks.pace) - 1]])
+        [of_classes] = criteria[example.table_height](example.tracks, whole).criterion
         found.append(model.names[int(of_classes.argmax())])
     return found
 
@@ -51,26 +55,31 @@ def cross_validate(
     demonstrations: Sequence[Demonstration],
     options: TrainingOptions,
     before_fold: Callable[[], None] = lambda: None,
+    folds: Indices | None = None,
+    estimator: Estimator = COMPILED,
 ) -> Validation | None:
     """Return how models like ``model``, with its numbers of states, classify what they have not seen.
 
     None where no class can do without a demonstration.
-    ``before_fold`` is called before each of the folds; what it raises ends the validation. Classes are dealt
-    out to the folds evenly, by ``options.seed``.
+    ``before_fold`` is called before each of the folds; what it raises ends the validation. folds: (n,) the
+    one that each demonstration is left out in, -1 for none; by default classes are dealt out to N_FOLDS
+    evenly, by ``options.seed``.
     """
-    folds = _folds([demonstration.action for demonstration in demonstrations], options.seed)
+    examples = examples_of(demonstrations, model.features)
+    if folds is None:
+        folds = _folds([example.action for example in examples], options.seed)
     pairs: Counter[tuple[str, str]] = Counter()
-    for fold in range(N_FOLDS):
+    fitted: Fitted = {}
+    for fold in range(folds.max() + 1):
         before_fold()
-        held = [shown for shown, of in zip(demonstrations, folds, strict=True) if of == fold]
-        if held:
-            kept = [shown for shown, of in zip(demonstrations, folds, strict=True) if of != fold]
-            found = classify(_fit_like(model, kept, options), held)
-            pairs.update((d.action, action) for d, action in zip(held, found, strict=True))
+        held = [example for example in examples if folds[example.place] == fold]
+        kept = [example for example in examples if folds[example.place] != fold]
+        found = classify(_fit_like(model, kept, options, estimator, fitted), held)
+        pairs.update((example.action, action) for example, action in zip(held, found, strict=True))
     return _validation(pairs)
 
 
-def _folds(actions: Sequence[str], seed: int) -> NDArray[np.int64]:
+def _folds(actions: Sequence[str], seed: int) -> Indices:
     """Return the fold of each demonstration, -1 for those of classes too small to do without one."""
     rng, folds = np.random.default_rng(seed), np.full(len(actions), -1)
     for action in sorted(set(actions)):
@@ -80,12 +89,22 @@ def _folds(actions: Sequence[str], seed: int) -> NDArray[np.int64]:
     return folds
 
 
-def _fit_like(model: Model, demonstrations: Sequence[Demonstration], options: TrainingOptions) -> Model:
-    actions: list[ActionModel] = []
+def _fit_like(
+    model: Model,
+    examples: Sequence[Example],
+    options: TrainingOptions,
+    estimator: Estimator,
+    fitted: Fitted,
+) -> Model:
+    """Return a model like ``model``, but fitted to these examples; what is new is added to ``fitted``."""
+    actions = []
     for known in model.actions:
-        of_class = [shown for shown in demonstrations if shown.action == known.action]
-        alike = replace(options, n_states=known.n_states)
-        actions += fit_model(of_class, model.features, alike).actions
+        of_class = [example for example in examples if example.action == known.action]
+        places = tuple(example.place for example in of_class)
+        if places not in fitted:
+            alike = replace(options, n_states=known.n_states)
+            fitted[places] = fit_action(of_class, model.features, alike, estimator)
+        actions.append(fitted[places])
     return replace(model, actions=tuple(actions))
 
 

@@ -1,24 +1,26 @@
-"""Baum-Welch against hmmlearn's own fit, counting, and a forward pass by hand, and by its laws."""
+"""Baum-Welch against hmmlearn, every path, counting, and a forward pass by hand, and by its laws."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 import pytest
 from hmmlearn.hmm import GaussianHMM
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from app.motion import baum_welch
-from app.motion.baum_welch import Chain, log_likelihoods, train_chain
-from app.motion.trajectory import Floats
+from app.motion.baum_welch import COMPILED, Chain, Estimator, log_likelihoods, repetition, train_chain
+from app.motion.by_hmmlearn import HMMLEARN
+from app.motion.model import FeatureSpecification
+from app.motion.simulation import STYLES, demonstrations
+from app.motion.training import conditioned, observe
+from app.motion.trajectory import Floats, Indices
 
 LAW = settings(derandomize=True, deadline=None, max_examples=25)
-
-Indices = NDArray[np.int64]
 
 N_FEATURES = 2
 NO_FLOOR = np.full(N_FEATURES, 1e-12)
@@ -67,6 +69,20 @@ def forward(sequence: Floats, chain: Chain) -> float:
     return float(paths[-1])
 
 
+def every_path(n_frames: int, n_states: int) -> list[Indices]:
+    """Return the (n_frames,) states of all paths from the first state to the last."""
+    entries = combinations(range(1, n_frames), n_states - 1)
+    return [np.searchsorted(at, np.arange(n_frames), side="right") for at in entries]
+
+
+def of_path(sequence: Floats, chain: Chain, path: Indices) -> float:
+    """Return the log-probability of a sequence along a path [nat]."""
+    density = norm.logpdf(sequence, chain.means[path], np.sqrt(chain.variances[path])).sum()
+    stay, before = chain.stay[path[:-1]], path[:-1] == len(chain.stay) - 1
+    moves = np.where(np.diff(path) == 0, np.where(before, 1.0, stay), 1.0 - stay)
+    return float(density + np.log(moves).sum())
+
+
 def total(sequences: Sequence[Floats], chain: Chain) -> float:
     return sum(forward(sequence, chain) for sequence in sequences)
 
@@ -87,8 +103,116 @@ def test_log_likelihood_is_summed_over_all_paths(seed: int, n_states: int) -> No
 
 
 @LAW
+@given(seeds, st.integers(1, 4), st.integers(0, 4), st.sampled_from([0.3, 3.0, 30.0]))
+def test_it_is_the_sum_of_every_path_and_the_best_is_the_best_of_them(
+    seed: int, n_states: int, n_more: int, apart: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    chain = chain_of(rng, n_states, apart)
+    sequence = rng.normal(0.0, 0.03, (n_states + n_more, N_FEATURES))
+    paths = every_path(len(sequence), n_states)
+    values = [of_path(sequence, chain, path) for path in paths]
+    np.testing.assert_allclose(log_likelihoods([sequence], chain), np.logaddexp.reduce(values), rtol=1e-9)
+    best = paths[int(np.argmax(values))]
+    deviations = (sequence - chain.means[best]) / np.sqrt(chain.variances[best])
+    expected = max(float(np.mean(deviations.sum(axis=0) ** 2)) / len(sequence), 1.0)
+    assert repetition([sequence], chain) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("off", [1.0, 10.0, 1e4])
+def test_frames_far_from_all_states_leave_the_range_of_numbers_alone(off: float) -> None:
+    """They say that the first states are best, then the last: paths of less than 1e-308 of others count."""
+    rng = np.random.default_rng(2)
+    chain = chain_of(rng, 5, apart=100.0)
+    sequence = rng.normal(0.0, 0.01, (12, N_FEATURES)) + off * np.array([1.0, -1.0, 1.0, 0.0] * 3)[:, None]
+    np.testing.assert_allclose(log_likelihoods([sequence], chain), forward(sequence, chain), rtol=1e-9)
+    ours, theirs = (each.train_chain([sequence] * 3, chain, NO_FLOOR, None) for each in (COMPILED, HMMLEARN))
+    assert_close(ours, theirs)
+
+
+@pytest.mark.parametrize("stay", [[0.0, 0.0, 0.5, 0.5], [0.5, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
+def test_states_that_last_one_frame_are_trained_as_by_hmmlearn(stay: list[float]) -> None:
+    """Some states have no path to them then, at some frames: what is shared out there is nothing."""
+    rng = np.random.default_rng(3)
+    initial = chain_of(rng, 4, apart=1.0)._replace(stay=np.array(stay))
+    sequences = [rng.normal(0.0, 0.02, (n_frames, N_FEATURES)) for n_frames in (5, 9, 9, 12)]
+    assert_same(sequences, initial, np.full(N_FEATURES, 1e-6), None)
+
+
+def test_a_sequence_that_cannot_end_has_no_likelihood() -> None:
+    chain = chain_of(np.random.default_rng(0), 4, apart=1.0)
+    assert log_likelihoods([chain.means[:3], chain.means], chain)[0] == -np.inf
+
+
+def assert_same(sequences: Sequence[Floats], initial: Chain, floor: Floats, known: Chain | None) -> None:
+    ours, theirs = (each.train_chain(sequences, initial, floor, known) for each in (COMPILED, HMMLEARN))
+    assert_close(ours, theirs, rtol=1e-8)
+    ours_, theirs_ = (each.log_likelihoods(sequences, theirs) for each in (COMPILED, HMMLEARN))
+    np.testing.assert_allclose(ours_, theirs_, rtol=1e-10)
+    one, other = (each.repetition(sequences, theirs) for each in (COMPILED, HMMLEARN))
+    assert one == pytest.approx(other, rel=1e-10)
+
+
+@LAW
+@given(seeds, sizes, st.sampled_from([0.5, 2.0, 20.0]), st.booleans())
+def test_agrees_with_hmmlearn(seed: int, n_states: int, apart: float, further: bool) -> None:
+    rng = np.random.default_rng(seed)
+    chain = chain_of(rng, n_states, apart)
+    sequences, initial = samples(rng, chain, 8), guess(chain)
+    floor = np.full(N_FEATURES, 1e-6)
+    known = HMMLEARN.train_chain(samples(rng, chain, 5), initial, floor, None) if further else None
+    assert_same(sequences, initial, floor, known)
+
+
+@pytest.mark.parametrize("n_states", [1, 4, 12])
+@pytest.mark.parametrize("action", STYLES)
+def test_agrees_with_hmmlearn_on_simulated_motion(action: str, n_states: int) -> None:
+    features = FeatureSpecification(("object",))
+    shown = [each for each in demonstrations(3) if each.action == action][::3]
+    sequences = [observe(conditioned(each, features), 0.0) for each in shown]
+    floor = np.full(features.n_features, 1e-4)
+    initial = evenly(sequences, n_states)
+    assert_same(sequences, initial, floor, None)
+    assert_same(sequences[8:], initial, floor, HMMLEARN.train_chain(sequences[:8], initial, floor, None))
+
+
+def evenly(sequences: Sequence[Floats], n_states: int) -> Chain:
+    """Return a chain whose states divide every sequence evenly."""
+    parts = zip(*(np.array_split(sequence, n_states) for sequence in sequences), strict=True)
+    frames = [np.concatenate(of_state) for of_state in parts]
+    means, variances = (np.array([f(of, axis=0) for of in frames]) for f in (np.mean, np.var))
+    return Chain(means, variances, np.full(n_states, 0.8), np.ones(n_states))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_iterates_as_often_as_hmmlearn(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    chain = chain_of(rng, 4, apart=1.5)
+    sequences, initial = samples(rng, chain, 8), guess(chain)
+
+    def n_iterations(estimator: Estimator) -> int:
+        reached = []
+        for n in range(1, 31):
+            monkeypatch.setattr(baum_welch, "MAX_ITERATIONS", n)
+            reached.append(estimator.train_chain(sequences, initial, NO_FLOOR, None).means)
+        return sum(not np.array_equal(means, reached[-1]) for means in reached) + 1
+
+    assert 1 < n_iterations(COMPILED) == n_iterations(HMMLEARN) < 30
+
+
+def test_the_same_demonstrations_give_the_same_chain_and_are_left_as_they_were() -> None:
+    rng = np.random.default_rng(1)
+    chain = chain_of(rng, 4, apart=1.5)
+    sequences, initial = samples(rng, chain, 8), guess(chain)
+    for array in (*sequences, *initial):
+        array.setflags(write=False)
+    one, other = (train_chain(sequences, initial, NO_FLOOR, known=initial) for _ in range(2))
+    assert all(np.array_equal(values, others) for values, others in zip(one, other, strict=True))
+
+
+@LAW
 @given(seeds, sizes)
-def test_agrees_with_hmmlearn_where_nothing_but_the_last_state_explains_the_end(
+def test_agrees_with_plain_hmmlearn_where_nothing_but_the_last_state_explains_the_end(
     seed: int, n_states: int
 ) -> None:
     rng = np.random.default_rng(seed)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from app.motion import validation
-from app.motion.model import FeatureSpecification, Model
+from app.motion.by_hmmlearn import HMMLEARN
+from app.motion.model import ActionModel, FeatureSpecification, Model
 from app.motion.simulation import STYLES, demonstrations
-from app.motion.training import TrainingOptions, fit_model
-from app.motion.trajectory import Demonstration
+from app.motion.training import Example, TrainingOptions, fit_action, fit_model
+from app.motion.trajectory import Demonstration, Indices
 from app.motion.validation import classify, cross_validate
 
 SPECIFICATION = FeatureSpecification(("object",))
@@ -40,27 +43,37 @@ def test_labels_without_sense_are_guessed(model: Model) -> None:
     assert found.accuracy < 0.6
 
 
-def test_each_is_classified_by_a_model_without_it(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept: list[set[int]] = []
-    fit, held = validation._fit_like, set[int]()
+@pytest.mark.parametrize("folds", [None, np.arange(len(SHOWN))])
+def test_each_is_classified_by_a_model_without_it(
+    model: Model, monkeypatch: pytest.MonkeyPatch, folds: Indices | None
+) -> None:
+    learned, held = dict[int, set[int]](), list[int]()
 
-    def noted(model: Model, shown: list[Demonstration], options: TrainingOptions) -> Model:
-        kept.append({id(d) for d in shown})
-        return fit(model, shown, options)
+    def noted(examples: list[Example], *args: Any) -> ActionModel:
+        action = fit_action(examples, *args)
+        learned[id(action)] = {example.place for example in examples}
+        return action
 
-    def seen(model: Model, shown: list[Demonstration]) -> list[str]:
-        assert not kept[-1] & {id(d) for d in shown}
-        held.update(id(d) for d in shown)
-        return classify(model, shown)
+    def seen(model: Model, examples: list[Example]) -> list[str]:
+        places = {example.place for example in examples}
+        for action in model.actions:
+            of_class = {place for place, d in enumerate(SHOWN) if d.action == action.action}
+            assert learned[id(action)] == of_class - places
+        held.extend(places)
+        return classify(model, examples)
 
-    monkeypatch.setattr(validation, "_fit_like", noted)
+    monkeypatch.setattr(validation, "fit_action", noted)
     monkeypatch.setattr(validation, "classify", seen)
-    cross_validate(model, SHOWN, OPTIONS)
-    assert held == {id(d) for d in SHOWN}
+    cross_validate(model, SHOWN, OPTIONS, folds=folds)
+    assert sorted(held) == list(range(len(SHOWN)))
 
 
 def test_the_same_seed_gives_the_same(model: Model) -> None:
     assert cross_validate(model, SHOWN, OPTIONS) == cross_validate(model, SHOWN, OPTIONS)
+
+
+def test_through_hmmlearn_it_is_the_same(model: Model) -> None:
+    assert cross_validate(model, SHOWN, OPTIONS, estimator=HMMLEARN) == cross_validate(model, SHOWN, OPTIONS)
 
 
 def test_classes_with_too_few_are_left_alone() -> None:
