@@ -1,9 +1,12 @@
 """``GET /v1/stream``: frames in, decisions out, over one WebSocket (subprotocol ``gesta.v1``).
 
-One connection is a handful of tasks. The *reader* reads messages into a bounded queue, a full queue stops it;
-the *worker* takes them from there in order and lets the session compute. What goes out is written by tasks of
-its own: durable events in order, hypotheses and acknowledgements with what is newest when their turn comes.
-Each waits for the client at most ``Limits.send``: a client that does not read harms nobody else.
+One connection is a handful of tasks. The *reader* lets the session compute what it reads there and then, and
+then lets the other connections have their turn, so that a flood of one starves nobody. What cannot be done at
+once goes into a bounded queue, a full queue stops the reader; the *worker* takes it from there in order.
+
+What goes out is written by tasks of its own: durable events in order, hypotheses and acknowledgements with
+what is newest when their turn comes. Each waits for the client at most ``Limits.send``: a client that does
+not read harms nobody else.
 """
 
 from __future__ import annotations
@@ -66,14 +69,22 @@ class _Wire:
         self._limits = live.limits
         self._turn = asyncio.Lock()
         self._open = True
+        self._silent_since: float | None = None
+
+    async def silence(self) -> NoReturn:
+        """Wait until the client has said nothing for too long. Raises Idle."""
+        loop, limit = asyncio.get_running_loop(), self._limits.idle
+        while True:
+            since = loop.time() if self._silent_since is None else self._silent_since
+            if loop.time() - since >= limit:
+                raise Idle(limit)
+            await asyncio.sleep(since + limit - loop.time())
 
     async def receive(self) -> str | bytes:
-        """Return the next message. Raises WebSocketDisconnect, Idle, TooBig."""
-        try:
-            async with asyncio.timeout(self._limits.idle):
-                received = await self._socket.receive()
-        except TimeoutError:
-            raise Idle(self._limits.idle) from None
+        """Return the next message. Raises WebSocketDisconnect, TooBig."""
+        self._silent_since = asyncio.get_running_loop().time()
+        received = await self._socket.receive()
+        self._silent_since = None
         if received["type"] == "websocket.disconnect":
             self._open = False
             raise WebSocketDisconnect(received["code"])
@@ -132,7 +143,7 @@ class _Door:
         await self._wire.close(closing)
 
     async def _converse(self) -> None:
-        start = read_start(await self._wire.receive())
+        start = read_start(await self._first())
         attachment, token = await self._attach(start)
         try:
             await _Connection(self._wire, self._live, attachment, start).run(token)
@@ -143,6 +154,13 @@ class _Door:
             raise
         finally:
             self._live.leave(attachment)
+
+    async def _first(self) -> str | bytes:
+        try:
+            async with asyncio.timeout(self._live.limits.idle):
+                return await self._wire.receive()
+        except TimeoutError:
+            raise Idle(self._live.limits.idle) from None
 
     async def _attach(self, start: Start) -> tuple[Attachment, str]:
         if start.resume is None:
@@ -163,13 +181,14 @@ class _Connection:
         self._session: Session = attachment.session
         self._layout: Layout = replace(self._session.pinned.layout, encoding=start.encoding)
         self._queue: asyncio.Queue[Frames | Control | Exception] = asyncio.Queue(QUEUE)
+        self._is_working = False
         self._told = Mark(start.resume.last_event + 1 if start.resume else 0)
 
     async def run(self, token: str) -> None:
         """Serve until the session has ended, which is told. Raises what ends the connection before."""
         await self._welcome(token)
         jobs: list[Coroutine[Any, Any, None]] = [self._work(), self._tell_events(), self._acknowledge()]
-        jobs += [self._attachment.revoked(), self._drain()]
+        jobs += [self._attachment.revoked(), self._drain(), self._wire.silence()]
         if self._start.options.hypotheses:
             jobs.append(self._guess())
         reader = asyncio.create_task(self._read())
@@ -208,24 +227,29 @@ class _Connection:
             await self._wire.say("warning", code=code, detail=detail)
 
     async def _read(self) -> None:
-        """Fill the queue; what ends the reading is queued too, behind all that came before it."""
+        """Let the session take what comes; what ends the reading is queued, behind all that came before."""
         try:
             while True:
                 message = read(await self._wire.receive(), self._layout)
                 if isinstance(message, Ping):
                     await self._wire.say("pong", id=message.id)
-                    continue
-                if isinstance(message, Frames) and len(message) > self._live.limits.message_frames:
-                    raise TooBig(
-                        f"{len(message)} frames are more than {self._live.limits.message_frames} a message"
-                    )
-                await self._queue.put(message)
+                elif isinstance(message, Frames) and self._take_at_once(message):
+                    await asyncio.sleep(0)
+                else:
+                    await self._queue.put(message)
         except Exception as error:
             await self._queue.put(error)
+
+    def _take_at_once(self, frames: Frames) -> bool:
+        """Return whether frames could be taken there and then: nothing waits before them."""
+        if len(frames) > (limit := self._live.limits.message_frames):
+            raise TooBig(f"{len(frames)} frames are more than {limit} a message")
+        return not self._is_working and self._queue.empty() and self._session.take_at_once(frames)
 
     async def _work(self) -> None:
         while True:
             message = await self._queue.get()
+            self._is_working = True
             if isinstance(message, Exception):
                 raise message
             if isinstance(message, Frames):
@@ -237,6 +261,7 @@ class _Connection:
                 await self._session.end(message.last_seq)
                 await self._all_told()
                 return
+            self._is_working = False
 
     async def _all_told(self) -> None:
         await self._session.saved()

@@ -41,6 +41,7 @@ CODES: tuple[tuple[type[SessionError], int], ...] = (
     (refused.TokenRefused, 4403),
     (refused.TakenOver, 4409),
     (refused.TooManySessions, 1013),
+    (refused.Overloaded, 1013),
     (refused.Restarting, 1012),
     (refused.WriteFailed, 1011),
     (TooBig, 1009),

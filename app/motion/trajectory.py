@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from app.motion.errors import InvalidSegment, InvalidTrajectory
@@ -126,6 +127,27 @@ class Recording:
             for segment in self.segments
             if segment.action is not None
         )
+
+
+@njit(cache=True, nogil=True)
+def is_sound(rows: Floats, after: float) -> bool:
+    """Return whether frames can follow one of time ``after`` [s] as a ``Trajectory`` would have them.
+
+    rows: (n_frames, 1 + 3 n_tracks) times [s] and positions [m].
+    """
+    for frame in range(len(rows)):
+        if not after < rows[frame, 0] < np.inf:
+            return False
+        after = rows[frame, 0]
+        for track in range(1, rows.shape[1], 3):
+            n_missing = 0
+            for axis in range(3):
+                n_missing += np.isnan(rows[frame, track + axis])
+                if abs(rows[frame, track + axis]) > FARTHEST_M:
+                    return False
+            if n_missing not in (0, 3):
+                return False
+    return True
 
 
 def _floats(name: str, values: ArrayLike) -> Floats:

@@ -12,7 +12,7 @@ from app.motion.features import alignment
 from app.motion.model import ActionModel, Background, Familiarity, FeatureSpecification, Model, Rest
 from app.motion.recogniser import Recogniser
 from app.motion.training import TrainingOptions, fit_model
-from app.motion.trajectory import Demonstration, Trajectory
+from app.motion.trajectory import Demonstration, Trajectory, is_sound
 from app.motion.validation import cross_validate
 
 N_STATES = 4
@@ -41,6 +41,7 @@ def warm_recognition() -> None:
 def _recognise() -> None:
     motion = _motion()
     recogniser = Recogniser(_model())
+    is_sound(np.column_stack([motion.times, motion.hand]), -1.0)
     recogniser.push(motion)
     recogniser.hypothesis()
     recogniser.finish()

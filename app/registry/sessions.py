@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
-from typing import Any
+from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -21,6 +21,18 @@ from app.registry.records import Chunk, Page, SessionRecord, SessionState, Store
 table = tables.sessions
 frames_table = tables.session_frames
 events_table = tables.session_events
+
+_Row = dict[str, Any]
+
+
+class Addition(NamedTuple):
+    """What a session takes in and decides: see ``append``."""
+
+    id: str
+    first_seq: int
+    rows: bytes
+    events: Sequence[StoredEvent]
+    ended: bool
 
 
 def create(
@@ -93,18 +105,37 @@ def append(
     rows: little-endian float64, one value per channel. Raises NotFound, OutOfOrder if they do not go on
     where the session's frames and events end.
     """
-    session = _record(_row(tx, id_, for_update=True))
-    n_frames = _append_frames(tx, session, first_seq, rows) if rows else 0
-    n_segments = _append_events(tx, session, events) if events else 0
-    counts = {
-        "n_frames": session.n_frames + n_frames,
-        "n_events": session.n_events + len(events),
-        "n_segments": session.n_segments + n_segments,
-        "state": "ended" if ended else session.state,
-        "last_seen_at": tables.now(),
-    }
-    tx.execute(sa.update(table).where(table.c.id == id_).values(counts))
+    append_all(tx, [Addition(id_, first_seq, rows, events, ended)])
     return get(tx, id_)
+
+
+def append_all(tx: Session, additions: Sequence[Addition]) -> tuple[str, ...]:
+    """Add to many sessions at once, to each once; return which were over before. See ``append``."""
+    query = sa.select(table).where(table.c.id.in_([each.id for each in additions])).with_for_update()
+    known = {row.id: _record(row) for row in tx.execute(query)}
+    frames, fresh, changes = list[_Row](), list[_Row](), list[_Row]()
+    for each in additions:
+        if (session := known.get(each.id)) is None:
+            raise NotFound("session", each.id)
+        n_frames = _frames_of(session, each, frames) if each.rows else 0
+        n_segments = _events_of(session, each.events, fresh)
+        changes.append(
+            {
+                "of": session.id,
+                "n_frames": session.n_frames + n_frames,
+                "n_events": session.n_events + len(each.events),
+                "n_segments": session.n_segments + n_segments,
+                "state": "ended" if each.ended else session.state,
+                "last_seen_at": tables.now(),
+            }
+        )
+    for into, rows in ((frames_table, frames), (events_table, fresh)):
+        if rows:
+            tx.execute(sa.insert(into), rows)
+    columns: _Row = {name: sa.bindparam(name) for name in changes[0] if name != "of"}
+    change = sa.update(table).where(table.c.id == sa.bindparam("of")).values(columns)
+    tx.connection().execute(change, changes)
+    return tuple(id_ for id_, session in known.items() if session.state != "active")
 
 
 def end(tx: Session, id_: str, state: SessionState = "ended") -> SessionRecord:
@@ -149,24 +180,28 @@ def drop_frames(tx: Session, *, last_seen_before: datetime) -> int:
     return len(ids)
 
 
-def _append_frames(tx: Session, session: SessionRecord, first_seq: int, rows: bytes) -> int:
-    if first_seq != session.n_frames:
-        raise OutOfOrder(session.id, "frame", session.n_frames, first_seq)
-    n_frames, rest = divmod(len(rows), 8 * len(session.channels))
+def _frames_of(session: SessionRecord, addition: Addition, frames: list[_Row]) -> int:
+    """Put down the row of an addition's frames; return how many these are. Raises OutOfOrder."""
+    if addition.first_seq != session.n_frames:
+        raise OutOfOrder(session.id, "frame", session.n_frames, addition.first_seq)
+    n_frames, rest = divmod(len(addition.rows), 8 * len(session.channels))
     if rest:
-        raise ValueError(f"{len(rows)} bytes are no whole frames of {len(session.channels)} channels")
-    row = {"session_id": session.id, "first_seq": first_seq, "n_frames": n_frames, "rows": rows}
-    tx.execute(sa.insert(frames_table).values(row))
+        raise ValueError(
+            f"{len(addition.rows)} bytes are no whole frames of {len(session.channels)} channels"
+        )
+    row = {"session_id": session.id, "first_seq": addition.first_seq, "n_frames": n_frames}
+    frames.append({**row, "rows": addition.rows})
     return n_frames
 
 
-def _append_events(tx: Session, session: SessionRecord, fresh: Sequence[StoredEvent]) -> int:
-    n_segments, rows = 0, []
-    for number, stored in enumerate(fresh, session.n_events):
+def _events_of(session: SessionRecord, events: Sequence[StoredEvent], fresh: list[_Row]) -> int:
+    """Put down the rows of events; return how many of them are segments. Raises OutOfOrder."""
+    n_segments = 0
+    for number, stored in enumerate(events, session.n_events):
         if stored.event != number:
             raise OutOfOrder(session.id, "event", number, stored.event)
         is_segment = stored.type == "segment"
-        rows.append(
+        fresh.append(
             {
                 "session_id": session.id,
                 "event": number,
@@ -176,7 +211,6 @@ def _append_events(tx: Session, session: SessionRecord, fresh: Sequence[StoredEv
             }
         )
         n_segments += is_segment
-    tx.execute(sa.insert(events_table), rows)
     return n_segments
 
 
@@ -189,9 +223,8 @@ def _events(
     return tuple(StoredEvent(row.event, row.type, row.text) for row in rows)
 
 
-def _row(tx: Session, id_: str, *, for_update: bool = False) -> sa.Row[Any]:
-    query = sa.select(table).where(table.c.id == id_)
-    row = tx.execute(query.with_for_update() if for_update else query).one_or_none()
+def _row(tx: Session, id_: str) -> sa.Row[Any]:
+    row = tx.execute(sa.select(table).where(table.c.id == id_)).one_or_none()
     if row is None:
         raise NotFound("session", id_)
     return row

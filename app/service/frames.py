@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from app.motion.trajectory import FARTHEST_M, Floats, Trajectory
+from app.motion.trajectory import FARTHEST_M, Floats, is_sound
 from app.service.geometry import Geometry, to_metres
 from app.service.session_errors import Code, FramesRefused, MessageMalformed
 
@@ -128,26 +128,28 @@ def settle(layout: Layout, frames: Frames, skip: int, last_time: float) -> Float
     last_time: time of the frame before them [s]. Raises FramesRefused, which names the field, the frame's
     place in the message and its number in the stream.
     """
-    check, first_seq = _Check(frames.first_seq + skip, skip), frames.first_seq + skip
+    first_seq = frames.first_seq + skip
+    times = frames.times[skip:]
     if layout.rate_hz is not None:
         times = np.arange(first_seq, frames.first_seq + len(frames)) / layout.rate_hz
-    else:
-        times = frames.times[skip:]
+    positions = to_metres(frames.positions[skip:].reshape(-1, 3), layout.geometry).reshape(len(times), -1, 3)
+    rows = np.empty((len(times), 1 + 3 * len(layout.tracks)))
+    rows[:, 0], rows[:, 1:] = times, positions.reshape(len(times), -1)
+    if not is_sound(rows, last_time) or max(abs(times[0]), abs(times[-1])) > FARTHEST_S:
+        _refuse(layout, times, positions, last_time, _Check(first_seq, skip))
+    return rows
+
+
+def _refuse(layout: Layout, times: Floats, positions: Floats, last_time: float, check: _Check) -> None:
+    """Raise FramesRefused for what is wrong with frames."""
+    if layout.rate_hz is None:
         check.none(~np.isfinite(times), "t", "non_finite", "is not a finite number of seconds")
         late = np.diff(times, prepend=last_time) <= 0
         check.none(late, "t", "times_not_increasing", "must be later than the frame before it")
         far = np.abs(times) > FARTHEST_S
         check.none(far, "t", "wrong_unit", f"lies over {FARTHEST_S:g} s from 0: a wrong unit of time?")
-    positions = to_metres(frames.positions[skip:].reshape(-1, 3), layout.geometry).reshape(len(times), -1, 3)
     for index, field in enumerate(layout.tracks):
         check.track(positions[:, index], field)
-    return np.column_stack([times, positions.reshape(len(times), -1)])
-
-
-def trajectory(layout: Layout, rows: Floats) -> Trajectory:
-    """Return settled rows as a trajectory; rows: (n_frames, 1 + 3 n_tracks) of ``settle``."""
-    objects = {name: rows[:, 4 + 3 * at : 7 + 3 * at] for at, name in enumerate(layout.objects)}
-    return Trajectory(rows[:, 0], rows[:, 1:4], objects)
 
 
 def _frames(first_seq: int, times: Floats, positions: Floats) -> Frames:

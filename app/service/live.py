@@ -16,8 +16,10 @@ from typing import Any
 
 from app.registry.records import SessionRecord, StoredEvent
 from app.service.journal import Journal
+from app.service.pulse import Pulse
 from app.service.session import Session
 from app.service.session_errors import (
+    Overloaded,
     Restarting,
     SessionError,
     SessionGone,
@@ -40,7 +42,9 @@ class Limits:
     """What a connection may ask of the server; times in seconds.
 
     idle: without a message from the client; send: for a message to be taken; resume: between two
-    connections of a session; drain: for going away; keep_alive: between two comments in server-sent events.
+    connections of a session; drain: for going away; keep_alive: between two comments in server-sent events;
+    late: that the event loop may be before no session is taken on, and twice that before the newest has to
+    leave, to be resumed when there is time again.
     """
 
     idle: float = 60.0
@@ -48,6 +52,7 @@ class Limits:
     resume: float = 600.0
     drain: float = 5.0
     keep_alive: float = 15.0
+    late: float = 0.1
     sessions: int = 500
     message_bytes: int = 1 << 20
     message_frames: int = 4096
@@ -64,8 +69,13 @@ class Attachment:
 
     def revoke(self, reason: SessionError) -> None:
         """Tell the connection to leave."""
-        if not self._reason.done():
+        if self.stays:
             self._reason.set_result(reason)
+
+    @property
+    def stays(self) -> bool:
+        """Whether the hold is not taken away."""
+        return not self._reason.done()
 
     async def revoked(self) -> None:
         """Wait until the hold is taken away. Raises the reason."""
@@ -90,12 +100,16 @@ class LiveSessions:
         self._journal = Journal(store.write)
         self._places: dict[str, _Place] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self.pulse = Pulse(self._shed)
+        self._beating = asyncio.create_task(self.pulse.beat())
 
     async def open(self, wish: Wish) -> tuple[Attachment, str]:
         """Open a session; return the hold on it and its resume token.
 
-        Raises NotFound for an unknown model or version, StartRefused, TooManySessions, Restarting.
+        Raises NotFound for an unknown model or version, StartRefused, TooManySessions, Overloaded and
+        Restarting.
         """
+        self._check_time()
         self._make_room()
         opened = await asyncio.to_thread(self.store.open, wish)
         session = Session(opened.pinned, opened.recogniser, self._journal, self.store.events)
@@ -107,10 +121,9 @@ class LiveSessions:
         """Attach a new connection to a session; the one before it is told that it was taken over.
 
         last_event: the last that the client has. Raises SessionGone, TokenRefused, StartRefused if the wish
-        is not that of the session, Restarting.
+        is not that of the session, Overloaded, Restarting.
         """
-        if self.draining.is_set():
-            raise Restarting
+        self._check_time()
         place = self._places.get(session_id)
         if place is None or place.session.failure is not None:
             raise SessionGone(session_id)
@@ -191,7 +204,8 @@ class LiveSessions:
         for place in self._places.values():
             if place.expiry is not None:
                 place.expiry.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._beating.cancel()
+        await asyncio.gather(*self._tasks, self._beating, return_exceptions=True)
         await self._journal.close()
 
     def _attach(self, place: _Place) -> Attachment:
@@ -201,10 +215,23 @@ class LiveSessions:
         place.attachment = Attachment(place.session)
         return place.attachment
 
-    def _make_room(self) -> None:
-        """Where all places are taken, one that waits is given up: an ended one, else the longest waiting."""
+    def _check_time(self) -> None:
+        """Raise Restarting or Overloaded where no session is taken on."""
         if self.draining.is_set():
             raise Restarting
+        if self.pulse.late > self.limits.late:
+            raise Overloaded
+
+    def _shed(self) -> None:
+        """Let the newest session go where the process cannot keep up with those that it has."""
+        if self.pulse.late > 2.0 * self.limits.late:
+            holds = [place.attachment for place in self._places.values() if place.attachment is not None]
+            staying = [hold for hold in holds if hold.stays]
+            if staying:
+                staying[-1].revoke(Overloaded())
+
+    def _make_room(self) -> None:
+        """Where all places are taken, one that waits is given up: an ended one, else the longest waiting."""
         if len(self._places) < self.limits.sessions:
             return
         waiting = [(place, place.expiry) for place in self._places.values() if place.expiry is not None]

@@ -11,7 +11,7 @@ class Mark:
     def __init__(self, value: int) -> None:
         self.value = value
         self._error: Exception | None = None
-        self._moved = asyncio.Event()
+        self._waiting: list[asyncio.Future[None]] = []
 
     def advance(self, value: int) -> None:
         """Move to ``value`` and wake those who wait."""
@@ -29,9 +29,13 @@ class Mark:
         while self.value <= value:
             if self._error is not None:
                 raise self._error
-            await self._moved.wait()
+            moved = asyncio.get_running_loop().create_future()
+            self._waiting.append(moved)
+            await moved
         return self.value
 
     def _wake(self) -> None:
-        self._moved.set()
-        self._moved = asyncio.Event()
+        waiting, self._waiting = self._waiting, []
+        for moved in waiting:
+            if not moved.done():
+                moved.set_result(None)

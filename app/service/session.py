@@ -21,7 +21,7 @@ from app.motion.recogniser import Event, Recogniser, SegmentEvent
 from app.motion.trajectory import Floats, Scene
 from app.registry.records import StoredEvent
 from app.service import messages
-from app.service.frames import Frames, Layout, settle, trajectory
+from app.service.frames import Frames, Layout, settle
 from app.service.geometry import Goals
 from app.service.journal import Entry, Journal
 from app.service.mark import Mark
@@ -31,6 +31,10 @@ BATCH = 16
 """Frames that are computed before other sessions have their turn."""
 UNWRITTEN = 20_000
 """Frames that a session takes in beyond those that are durable; then it waits for the disk."""
+LATE = 0.02
+"""Where a task wakes so much too late there is more to do than time [s]."""
+REST = 10.0
+"""How many times as long as it was late a task that can wait keeps out of the way."""
 RECENT = 128
 """Durable events kept in memory; older ones are read from the database."""
 
@@ -102,6 +106,17 @@ class Session:
             await asyncio.sleep(0)
         await self.frames_durable.beyond(self.next_seq - UNWRITTEN - 1)
 
+    def take_at_once(self, frames: Frames) -> bool:
+        """Take the next frames if they are few and need not wait for the disk; return whether they were.
+
+        Raises FramesRefused, then no frame is taken.
+        """
+        unwritten = self.next_seq - self.frames_durable.value
+        if self.ended or len(frames) > BATCH or frames.first_seq != self.next_seq or unwritten > UNWRITTEN:
+            return False
+        self._push(settle(self.pinned.layout, frames, 0, self._last_time))
+        return True
+
     async def saved(self) -> None:
         """Return once all that was taken in and decided is durable."""
         if self.frames_durable.value < self.next_seq or self.events.value < self._n_events:
@@ -130,14 +145,21 @@ class Session:
                 event = stored.event
 
     async def hypotheses(self, rate_hz: float) -> AsyncIterator[str]:
-        """Yield the newest hypothesis as JSON text, now and after new frames; rate_hz: at most [Hz]."""
-        seen = 0
+        """Yield the newest hypothesis as JSON text, now and after new frames; rate_hz: at most [Hz].
+
+        Where the process is late nothing is said until it is no more: decisions go first.
+        """
+        seen, loop = 0, asyncio.get_running_loop()
         while True:
             seen = await self.taken.beyond(seen)
             found = None if self.ended else self._recogniser.hypothesis()
             if found is not None:
                 yield messages.hypothesis(found)
+            due = loop.time() + 1.0 / rate_hz
             await asyncio.sleep(1.0 / rate_hz)
+            while (late := loop.time() - due) > LATE:
+                due = loop.time() + REST * late
+                await asyncio.sleep(REST * late)
 
     async def frames(self, rate_hz: float) -> AsyncIterator[str]:
         """Yield the newest frame as JSON text, now and after new ones; rate_hz: at most [Hz]."""
@@ -182,7 +204,7 @@ class Session:
             raise MessageMalformed("malformed", detail)
 
     def _push(self, rows: Floats) -> None:
-        events = self._recogniser.push(trajectory(self.pinned.layout, rows))
+        events = self._recogniser.take(rows[:, 0], rows[:, 1:].reshape(len(rows), -1, 3))
         self._rows.append(rows)
         self._newest = rows[-1]
         self._last_time = float(rows[-1, 0])

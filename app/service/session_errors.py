@@ -11,6 +11,7 @@
     ├── TokenRefused         the resume token is not the session's
     ├── TakenOver            a newer connection has resumed the session
     ├── TooManySessions      the process holds as many sessions as it can
+    ├── Overloaded           the process has more to compute than it can
     ├── Restarting           the server is going away
     └── WriteFailed          what was decided could not be made durable
 """
@@ -112,6 +113,13 @@ class TooManySessions(SessionError):
 
     def __init__(self, limit: int) -> None:
         super().__init__("overloaded", f"the server holds {limit} sessions, as many as it can")
+
+
+class Overloaded(SessionError):
+    """The process has more to compute than it can."""
+
+    def __init__(self) -> None:
+        super().__init__("overloaded", "the server has more to compute than it can; come back in a moment")
 
 
 class Restarting(SessionError):

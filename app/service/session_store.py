@@ -139,20 +139,12 @@ class SessionStore:
         Raises SessionGone for a session that was ended from outside meanwhile.
         """
         with self._lab.database.transaction() as tx:
+            try:
+                over = sessions.append_all(tx, [_addition(entry) for entry in entries])
+            except OutOfOrder as error:
+                raise SessionGone(error.session_id) from None
             for entry in entries:
-                rows = np.concatenate(entry.rows).astype("<f8").tobytes() if entry.rows else b""
-                try:
-                    record = sessions.append(
-                        tx,
-                        entry.session_id,
-                        first_seq=entry.first_seq,
-                        rows=rows,
-                        events=entry.events,
-                        ended=entry.ended,
-                    )
-                except OutOfOrder:
-                    raise SessionGone(entry.session_id) from None
-                if record.state != "active" and not entry.ended:
+                if entry.session_id in over and not entry.ended:
                     raise SessionGone(entry.session_id)
 
     def get(self, session_id: str) -> SessionRecord:
@@ -225,6 +217,11 @@ def _recogniser(model: Model, scene: Scene, layout: Layout, goals: Goals) -> Rec
         raise StartRefused("role_missing", str(error)) from error
     except InvalidRequest as error:
         raise StartRefused("objects_ambiguous", str(error)) from error
+
+
+def _addition(entry: Entry) -> sessions.Addition:
+    rows = np.concatenate(entry.rows).astype("<f8").tobytes() if entry.rows else b""
+    return sessions.Addition(entry.session_id, entry.first_seq, rows, entry.events, entry.ended)
 
 
 def _warnings(wish: Wish, model: Model) -> tuple[tuple[str, str], ...]:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import signal
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import httpx
+import numpy as np
 import pytest
 
 from app.client import ApiError, GestaClient, JobFailed
-from tests.api.conftest import Sent, working
+from app.motion.trajectory import Demonstration
+from tests.api.conftest import Sent, as_sent, working
 from tests.serving import Server, serving
 
 SLOW = {"n_states": 12}
@@ -32,6 +35,21 @@ def filled(client: GestaClient, new_model: Callable[..., str], sent: list[Sent])
     """A model with demonstrations."""
     model = new_model()
     client.add_demonstrations(model, sent)
+    return model
+
+
+@pytest.fixture
+def plenty(client: GestaClient, new_model: Callable[..., str], shown: list[Demonstration]) -> str:
+    """A model with so many classes that its training lasts some seconds."""
+    model = new_model()
+    for number in range(24):
+        moved = np.array([0.01 * number, 0.0, 0.0])
+        shifted = [replace(each.trajectory, hand=each.trajectory.hand + moved) for each in shown]
+        of_number = [
+            Demonstration(f"{each.action}-{number}", motion)
+            for each, motion in zip(shown, shifted, strict=True)
+        ]
+        client.add_demonstrations(model, [as_sent(each) for each in of_number])
     return model
 
 
@@ -62,9 +80,9 @@ def test_a_queued_job_is_cancelled_at_once(client: GestaClient, server: Server, 
 
 
 def test_a_running_job_is_cancelled_at_its_next_step(
-    client: GestaClient, server: Server, filled: str
+    client: GestaClient, server: Server, plenty: str
 ) -> None:
-    job = client.train(filled)
+    job = client.train(plenty)
 
     def cancel_when_running(state: dict[str, object]) -> None:
         if state["state"] == "running":
@@ -73,13 +91,13 @@ def test_a_running_job_is_cancelled_at_its_next_step(
     with working(server), pytest.raises(JobFailed) as raised:
         client.result(job["id"], cancel_when_running)
     assert raised.value.job["state"] == "cancelled"
-    assert client.request("GET", f"/models/{filled}/versions")["versions"] == []
+    assert client.request("GET", f"/models/{plenty}/versions")["versions"] == []
 
 
 def test_a_worker_killed_in_mid_job_does_it_once_when_it_is_back(
-    client: GestaClient, server: Server, filled: str
+    client: GestaClient, server: Server, plenty: str
 ) -> None:
-    job = client.train(filled)
+    job = client.train(plenty)
     with working(server) as worker:
         states = client.events(f"/jobs/{job['id']}/events")
         next(state for _, state in states if state["progress"]["total"] > 0)
@@ -87,8 +105,8 @@ def test_a_worker_killed_in_mid_job_does_it_once_when_it_is_back(
         assert worker.wait(30) == -signal.SIGKILL
     assert client.job(job["id"])["state"] == "running"
     with working(server):
-        assert client.result(job["id"]) == {"model": filled, "version": 1}
-    versions = client.request("GET", f"/models/{filled}/versions")["versions"]
+        assert client.result(job["id"]) == {"model": plenty, "version": 1}
+    versions = client.request("GET", f"/models/{plenty}/versions")["versions"]
     assert [(version["version"], version["job_id"]) for version in versions] == [(1, job["id"])]
 
 

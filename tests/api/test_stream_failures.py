@@ -88,7 +88,7 @@ def test_a_failure_is_told_without_its_cause(
     def fails(*_: object) -> None:
         raise ZeroDivisionError("secret")
 
-    monkeypatch.setattr("app.service.session.trajectory", fails)
+    monkeypatch.setattr("app.service.session.settle", fails)
     heard, code, lab = converse(tmp_path, trained, digest)
     assert code == 1011
     assert (heard[-1]["code"], heard[-1]["retryable"]) == ("internal", True)

@@ -14,7 +14,16 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import ArrayLike
 
 from app.motion.errors import InvalidSegment, InvalidTrajectory, MotionError
-from app.motion.trajectory import FARTHEST_M, Demonstration, Floats, Recording, Scene, Segment, Trajectory
+from app.motion.trajectory import (
+    FARTHEST_M,
+    Demonstration,
+    Floats,
+    Recording,
+    Scene,
+    Segment,
+    Trajectory,
+    is_sound,
+)
 
 LAW = settings(derandomize=True, deadline=None)
 
@@ -244,3 +253,25 @@ def test_every_refusal_is_a_motion_error() -> None:
     for refusal_type in (InvalidTrajectory, InvalidSegment):
         assert issubclass(refusal_type, MotionError)
     assert issubclass(MotionError, ValueError)
+
+
+anything = st.one_of(
+    st.floats(-1.1 * FARTHEST_M, 1.1 * FARTHEST_M), st.sampled_from([np.nan, np.inf, -np.inf, FARTHEST_M])
+)
+
+
+@LAW
+@given(
+    arrays(np.float64, (3, 2, 3), elements=anything), arrays(np.float64, 3, elements=anything), st.booleans()
+)
+def test_what_is_sound_is_what_a_trajectory_takes(track: Floats, times: Floats, in_order: bool) -> None:
+    track[0, 0] = track[1, 1] = np.nan
+    times = np.sort(times) if in_order else times
+    rows = np.column_stack([times, track.reshape(3, 6)])
+    try:
+        Trajectory(times, track[:, 0], {"cup": track[:, 1]})
+    except InvalidTrajectory:
+        assert not is_sound(rows, -np.inf)
+    else:
+        assert is_sound(rows, -np.inf)
+        assert not is_sound(rows, times[0])

@@ -17,7 +17,7 @@ from hypothesis.extra.numpy import arrays
 from app.motion.hypothesis import Expected, Hypothesis
 from app.registry.records import StoredEvent
 from app.service import messages
-from app.service.frames import Layout, from_binary, from_columns, settle, trajectory
+from app.service.frames import Layout, from_binary, from_columns, settle
 from app.service.geometry import UNITS_PER_METRE, Geometry, LengthUnit, UpAxis, to_metres
 from app.service.journal import Entry, Journal
 from app.service.mark import Mark
@@ -53,10 +53,6 @@ class TestFrames:
         settled = settle(LAYOUT, written, 0, -1.0)
         np.testing.assert_array_equal(settled, rows)
         np.testing.assert_array_equal(settled, settle(binary, packed, 0, -1.0))
-        motion = trajectory(LAYOUT, settled)
-        np.testing.assert_array_equal(motion.hand, found[:, 0])
-        np.testing.assert_array_equal(motion.objects["object"], found[:, 2])
-        np.testing.assert_array_equal(motion.objects["cup"], found[:, 1])
 
     def test_a_rate_gives_the_times_whatever_was_sent_before(self) -> None:
         layout = Layout((), Geometry(), rate_hz=30.0)
