@@ -122,12 +122,12 @@ def _train(
 ) -> Chain:
     """Return the chain after the iteration that gains less than the tolerance [nat], or after the last."""
     explained = -np.inf
-    for iteration in range(max_iterations):
+    for _ in range(max_iterations):
         logs, entered = _forward(features, first, chain)
         before, explained = explained, logs.sum()
         statistics = _collect(features, _shares(entered, first), chain.means)
         chain = _estimate(chain, statistics, len(first) - 1.0, floor, known)
-        if iteration > 0 and explained - before < tolerance:
+        if explained - before < tolerance:
             break
     return chain
 

@@ -118,8 +118,8 @@ def fit_model(
     ``learned`` holds the indices of those that ``base`` was trained on: a class with nothing new keeps its
     action model, a class with more goes on from it with the new ones alone, a class that lost some is
     trained afresh. ``progress(done, total, message)`` is called before each class; what it raises ends the
-    training. estimator: of the chains; ``by_hmmlearn.HMMLEARN`` gives the same, later. Raises RoleMissing,
-    UnusableDemonstration, FitFailed.
+    training. estimator: trains the chains; ``by_hmmlearn.HMMLEARN`` gives the same, more slowly. Raises
+    RoleMissing, UnusableDemonstration, FitFailed.
     """
     examples: dict[str, list[Example]] = {}
     for example in examples_of(demonstrations, features):
@@ -176,8 +176,8 @@ def observe(tracks: Tracks, table_height: float) -> Floats:
 class Example(NamedTuple):
     """A demonstration as it is learned from.
 
-    place: its index in the list; tracks: conditioned; table_height [m]; sequence: (n_frames, n_features);
-    duration [s]; length: from start to goal [m].
+    place: its index in the list; action: its class; tracks: conditioned; table_height [m]; sequence:
+    (n_frames, n_features); duration [s]; length: from start to goal [m].
     """
 
     place: int
