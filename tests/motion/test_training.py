@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.motion.baum_welch import Chain, log_likelihoods, repetition, train_chain
+from app.motion.baum_welch import COMPILED, Chain, log_likelihoods, repetition, train_chain
+from app.motion.by_hmmlearn import HMMLEARN
 from app.motion.errors import FitFailed, RoleMissing, UnusableDemonstration
 from app.motion.model import N_OF_MOVEMENT, N_OF_ROLE, PACE, PHASE, ActionModel, FeatureSpecification, Model
 from app.motion.simulation import demonstrations
@@ -269,6 +270,23 @@ def test_training_further_comes_close_to_training_on_all(base: Model) -> None:
         np.testing.assert_allclose(np.sort(one.durations), np.sort(other.durations))
         np.testing.assert_allclose(np.sort(one.lengths), np.sort(other.lengths))
         assert one.repetition == pytest.approx(other.repetition, rel=0.5)
+
+
+def test_through_hmmlearn_the_model_is_the_same() -> None:
+    """Numbers of states are chosen, and one class is trained further."""
+    shown, options = few(3, 9), TrainingOptions()
+    first = fit_model(shown[:15], SPECIFICATION, options)
+    ours, theirs = (
+        fit_model(shown, SPECIFICATION, options, first, range(15), estimator=estimator)
+        for estimator in (COMPILED, HMMLEARN)
+    )
+    afresh = fit_model(shown, SPECIFICATION, options, estimator=HMMLEARN).action("grasp")
+    assert ours.action("grasp").n_states == afresh.n_states
+    for one, other in [*zip(ours.actions, theirs.actions, strict=True), (first.action("grasp"), afresh)]:
+        for part in ("means", "variances", "stay", "weights", "durations", "lengths", "repetition"):
+            np.testing.assert_allclose(getattr(one, part), getattr(other, part), rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(ours.familiarity.typical, theirs.familiarity.typical, rtol=1e-8)
+    np.testing.assert_array_equal(ours.background.width, theirs.background.width)
 
 
 def test_a_class_that_lost_a_demonstration_is_trained_afresh(base: Model) -> None:
