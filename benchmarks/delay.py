@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from app.motion.evaluation import evaluate
 from app.motion.recogniser import Recogniser, SegmentEvent
 from app.motion.trajectory import Floats, Recording, Segment, Trajectory
-from benchmarks import page
+from benchmarks import page, plots
 from benchmarks.comparison import told
 from benchmarks.teaching import Source, model, tests
 
@@ -123,25 +121,16 @@ def section(
                 asked = f"{title}: a segment is final after ≤ {SOON:g} s (median)"
                 goals.append(page.Goal(asked, f"{middle:.2f} s", middle <= SOON))
     if output is not None:
-        plot(curves, output.parent / IMAGE)
+        at_bounds = [_name(bound) for bound in BOUNDS]
+        plots.curves(
+            {title: (at_bounds, values) for title, values in curves.items()},
+            "bound [s]",
+            "delineated (simulator), F1@50",
+            output.parent / IMAGE,
+        )
     names = ["", "bound [s]", "median [s]", "p90 [s]", "delineated / F1@50"]
     text = TEXT.format(held=HELD, most=_most(n_sequences))
     return f"## How soon\n\n{text}\n\n{page.table(names, rows, n_words=2)}", goals
-
-
-def plot(curves: dict[str, list[float]], file: Path) -> None:
-    """Draw for each source what is found at each of BOUNDS; the same figures give the same file."""
-    with mpl.rc_context({"svg.hashsalt": "gesta", "svg.fonttype": "path"}):
-        figure = Figure(figsize=(6.4, 3.6), layout="constrained")
-        axes = figure.subplots()
-        for title, values in curves.items():
-            axes.plot([_name(bound) for bound in BOUNDS], values, marker="o", label=title)
-        axes.set_xlabel("bound [s]")
-        axes.set_ylabel("delineated (simulator), F1@50")
-        axes.grid(alpha=0.3)
-        axes.legend()
-        file.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(file, metadata={"Date": None})
 
 
 def _most(n_sequences: int) -> int:

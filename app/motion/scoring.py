@@ -101,25 +101,27 @@ def score_segments(
     shape = (len(segments), len(states.power))
     ratios, filled = np.full(shape, -np.inf), np.zeros(shape, dtype=np.int64)
     lanes, classes = lanes_for(states, len(fillings)), np.arange(len(states.power))
-    done = 0
+    order, done = _order(segments), 0
     while done < len(segments):
         stop = done + 1
-        while stop < min(done + LANES, len(segments)) and go_together(segments[done], segments[stop]):
+        while stop < min(done + LANES, len(segments)) and go_together(
+            segments[order[done]], segments[order[stop]]
+        ):
             stop += 1
-        group = slice(done, stop)
-        score_together(
-            lanes,
-            tracks,
-            table_height,
-            segments[group],
-            classes,
-            states,
-            fillings,
-            ratios[group],
-            filled[group],
-        )
+        group = order[done:stop]
+        best, of_best = ratios[group], filled[group]
+        score_together(lanes, tracks, table_height, segments[group], classes, states, fillings, best, of_best)
+        for row, index in enumerate(group):
+            ratios[index], filled[index] = best[row], of_best[row]
         done = stop
     return ratios, filled
+
+
+@njit(cache=True, nogil=True)
+def _order(segments: Indices) -> Indices:
+    """Return an order in which segments that go together are beside each other."""
+    steps = np.array([step_of(segment) for segment in segments])
+    return np.argsort(steps * 2**32 + segments[:, 1] % steps, kind="mergesort")
 
 
 @njit(cache=True, nogil=True)

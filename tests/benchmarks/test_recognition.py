@@ -17,7 +17,7 @@ from app.motion.model import Model
 from app.motion.recogniser import Recogniser, SegmentEvent
 from app.motion.simulation import REST_POINT, STYLES, Conditions, demonstrations, recording
 from app.motion.trajectory import Recording, Segment
-from benchmarks import anticipation, bystanders, delay, learning, novelty, page, teaching
+from benchmarks import anticipation, bystanders, delay, learning, novelty, page, plots, teaching
 from benchmarks.asked import asked
 from benchmarks.comparison import REAL, SIMULATED, Comparison, Outcome, on_fold, on_simulator, outcome
 from benchmarks.folders import ROLE
@@ -217,9 +217,9 @@ def test_a_bound_shortens_delays() -> None:
 
 
 def test_the_same_figures_draw_the_same_plot(tmp_path: Path) -> None:
-    curves = {"simulator": [0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.0]}
-    delay.plot(curves, tmp_path / "images" / "a.svg")
-    delay.plot(curves, tmp_path / "images" / "b.svg")
+    of = {"simulator": ([1.0, 2.0, 4.0], [0.5, 0.6, 0.7])}
+    for name in ("a.svg", "b.svg"):
+        plots.curves(of, "classes", "cost", tmp_path / "images" / name, logarithmic=True)
     first, second = (tmp_path / "images" / f"{name}.svg" for name in "ab")
     assert first.read_bytes() == second.read_bytes()
     assert b"<svg" in first.read_bytes()
