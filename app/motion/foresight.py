@@ -69,18 +69,18 @@ class Foresight:
 
     def __call__(self, tracks: Tracks, origin: int, through: int) -> Outlook:
         """Return the outlook at frame ``through`` of a movement since ``origin``, neither a dropout."""
-        values, goals = _outlook(
-            tracks,
-            self._table_height,
-            origin,
-            through,
-            self._evidence,
-            self._states,
-            self._fillings,
-            self._course,
+        return Outlook(
+            *_outlook(
+                tracks,
+                self._table_height,
+                origin,
+                through,
+                self._evidence,
+                self._states,
+                self._fillings,
+                self._course,
+            )
         )
-        ahead = np.linalg.norm(goals - tracks.hand[origin], axis=2) * (1.0 - PHASES)
-        return Outlook(values, goals, AIM * ahead)
 
 
 def course_of(model: Model) -> Course:
@@ -113,9 +113,10 @@ def _outlook(
     states: States,
     fillings: Indices,
     course: Course,
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:
     n_classes, n_phases = course.way.shape
-    values, goals = np.empty((n_classes, n_phases)), np.empty((n_classes, n_phases, 3))
+    values, spreads = np.empty((n_classes, n_phases)), np.empty((n_classes, n_phases))
+    goals = np.empty((n_classes, n_phases, 3))
     lanes, step = lanes_for(states, len(fillings)), max((through - origin) // MOST_FRAMES, 1)
     frames = (through - (through - origin) // step * step, through + 1, step)
     start, here = tracks.hand[origin], tracks.hand[through]
@@ -127,11 +128,12 @@ def _outlook(
         follow(lanes, tracks, table_height, frames, np.array([k]), states, fillings)
         for p in range(n_phases):
             slow = (np.log((through - origin) / PHASES[p]) - course.tempo[k, 0]) / course.tempo[k, 1]
-            length = _distance(goals[k, p], start) + 1e-9
-            far = (np.log(length) - course.extent[k, 0]) / course.extent[k, 1]
+            length = _distance(goals[k, p], start)
+            spreads[k, p] = AIM * length * (1.0 - PHASES[p])
+            far = (np.log(length + 1e-9) - course.extent[k, 0]) / course.extent[k, 1]
             ratio = -step * states.power[k] * least_log(lanes, p, k, states)
             values[k, p] = evidence * ratio - 0.5 * (slow * slow + far * far) - np.log(n_phases)
-    return values, goals
+    return values, goals, spreads
 
 
 @njit(cache=True, nogil=True)

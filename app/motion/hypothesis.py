@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import logsumexp, softmax
 
 from app.motion.decoding import Alternative
 from app.motion.foresight import PHASES
@@ -68,7 +67,7 @@ def believe(alternatives: Sequence[Alternative], n_classes: int) -> Belief:
     resting = [each.value for each in alternatives if each.outlook is None]
     shape = (len(begun), n_classes, len(PHASES))
     known = np.array([base + outlook.values for base, outlook, _ in begun]).reshape(shape)
-    posteriors = softmax(np.concatenate([known.ravel(), [unknown for _, _, unknown in begun], resting]))
+    posteriors = _shares(np.concatenate([known.ravel(), [unknown for _, _, unknown in begun], resting]))
     of_known = posteriors[: known.size].reshape(shape)
     classes, gone = of_known.sum(axis=(0, 2)), of_known.sum(axis=0) @ PHASES
     nothing = [np.empty((0, 3))]
@@ -99,7 +98,13 @@ def likely_goals(belief: Belief, candidates: Mapping[str, Floats]) -> dict[str, 
     if not candidates or not likely.any():
         return {}
     off = np.array(list(candidates.values()))[:, None] - belief.goals[likely]
-    spread = np.hypot(GOAL_FLOOR, belief.spreads[likely])
-    densities = -0.5 * np.square(off).sum(axis=2) / spread**2 - 3.0 * np.log(spread)
-    posteriors = softmax(logsumexp(densities + np.log(belief.weights[likely]), axis=1))
+    square = GOAL_FLOOR**2 + belief.spreads[likely] ** 2
+    densities = -0.5 * np.square(off).sum(axis=2) / square - 1.5 * np.log(square)
+    posteriors = _shares(np.logaddexp.reduce(densities + np.log(belief.weights[likely]), axis=1))
     return dict(zip(candidates, posteriors.tolist(), strict=True))
+
+
+def _shares(logs: Floats) -> Floats:
+    """Return the shares of one of these logarithms of weights."""
+    weights: Floats = np.exp(logs - logs.max())
+    return weights / weights.sum()

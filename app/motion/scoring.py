@@ -22,7 +22,6 @@ from functools import lru_cache
 
 import numpy as np
 from numba import njit
-from scipy.special import gammaln
 
 from app.motion.conditioning import Tracks
 from app.motion.features import N_DEVIATIONS
@@ -53,7 +52,7 @@ def states_of(actions: Sequence[ActionModel], background: Background) -> States:
     for action in actions:
         freedom, scale = predictive(action)
         power.append((freedom + 1.0) / 2.0)
-        log_peak = gammaln(power[-1]) - gammaln(freedom / 2.0) - 0.5 * np.log(np.pi * freedom)
+        log_peak = math.lgamma(power[-1]) - math.lgamma(freedom / 2.0) - 0.5 * math.log(math.pi * freedom)
         base.append(np.exp((np.log(scale / background.width) - log_peak) / power[-1]))
         root.append(1.0 / (np.sqrt(freedom) * scale))
         least.append(base[-1][:, [*range(N_DEVIATIONS), PHASE]].prod(axis=1))

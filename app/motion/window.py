@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,11 +97,9 @@ class Window:
 
         It has none where either point is a dropout.
         """
-        places = np.array([origin, through]) - self._begin
-        way = np.linalg.norm(np.subtract(*self._tracks.hand[places]))
-        if not way >= BLEND:
-            return None
-        return self._foresight(self._tracks, int(places[0]), int(places[1]))
+        first, last, hand = origin - self._begin, through - self._begin, self._tracks.hand
+        way = math.dist(hand[first].tolist(), hand[last].tolist())
+        return self._foresight(self._tracks, first, last) if way >= BLEND else None
 
     def hand(self, start: int, end: int) -> Floats:
         """Return (end - start + 1, 3) positions of the hand at points from start to end [m]."""
