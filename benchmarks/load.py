@@ -33,23 +33,23 @@ TRAINING_SEED, SEED, N_ACTIONS = 0, 1, 60
 SECONDS = 6.0
 MOST_S = 0.010
 """What the 99th percentile of the waits may be [s]."""
-FIRST, STEP = 40, 1.15
+FIRST, STEP = 30, 1.1
 """Streams that are tried first, and by how much more they are next."""
-MOST_LATE = 0.003
-"""Load that was sent later than this is no measure of the server [s]."""
+TRIALS = 3
+"""So many times a load is tried before it is too much: other work on the machine disturbs one now and then."""
 SHARE, GAIN, MOST_KB = 0.8, 1.4, 200.0
-N_IDLE = 200
+N_IDLE = 50
 """Sessions that memory is measured with."""
 
 INTRODUCTION = """\
 Binary streams of one object at {rate:g} Hz over WebSocket, staggered over the interval between two
-messages, with hypotheses and acknowledgements as by default, {seconds:g} s at a time. The server has one
-core, the load comes from the other. A *wait* is the time from when a message was due until the `pong` to
-the `ping` right behind it is there: by then its frames are through the recogniser. Streams are *held* if
-the 99th percentile of the waits is ≤ {most:g} ms; {step:g} times as many are tried as long as they are.
-*Spin* is the same server with a loop in place of the recogniser that spends what the recogniser costs:
-{frame:.0f} us a frame, {hypothesis:.0f} us a hypothesis. *Two workers* are two servers on one database, one
-on each core, which they share with the load."""
+messages and begun at different frames, with hypotheses and acknowledgements as by default, {seconds:g} s
+at a time. The server has one core, the load comes from the other. A *wait* is the time from when a
+message was due until the `pong` to the `ping` right behind it is there: by then its frames are through
+the recogniser. Streams are *held* if the 99th percentile of the waits is ≤ {most:g} ms; {step:g} times as
+many are tried as long as they are. *Spin* is the same server with a loop in place of the recogniser that
+spends what the recogniser costs: {frame:.0f} us a frame, {hypothesis:.0f} us a hypothesis. *Two workers*
+are two servers on one database, one on each core, which they share with the load."""
 
 
 @dataclass(frozen=True)
@@ -126,19 +126,19 @@ def cost_of(model: Model, rows: Floats) -> Cost:
 
 def _held(places: Sequence[Place], chunk: int, rows: Floats, seconds: float) -> Held:
     """Return the most streams that servers hold together."""
-    best, streams = None, FIRST
+    best, streams = Held(0, Answers(np.zeros(1), np.zeros(1))), FIRST
     while True:
-        found = _trial(places, Load(streams, RATE, chunk, seconds), rows)
-        told = (
-            "broken"
-            if found is None
-            else f"p99 {found.p99 * 1e3:.1f} ms, sent {found.late * 1e3:.1f} ms late"
-        )
-        page.tell(f"{streams} streams: {told}")
-        if found is None or found.p99 > MOST_S:
-            if best is None:
-                raise RuntimeError(f"not even {streams} streams are held")
+        for _ in range(TRIALS):
+            found = _trial(places, Load(streams, RATE, chunk, seconds), rows)
+            if found is None:
+                page.tell(f"{streams} streams: the server let go")
+                continue
+            page.tell(f"{streams} streams: p99 {found.p99 * 1e3:.1f} ms, sent {found.late * 1e3:.1f} ms late")
+            if found.p99 <= MOST_S:
+                break
+        else:
             return best
+        assert found is not None  # noqa: S101 (the loop ended by its break)
         best, streams = Held(streams, found), int(np.ceil(streams * STEP))
 
 
@@ -159,14 +159,12 @@ def _trial(places: Sequence[Place], load: Load, rows: Floats) -> Answers | None:
 
 def _memory(place: Place, rows: Floats) -> float:
     """Return the memory of an open session after some seconds of motion [KB]."""
-    grown = []
-    for _ in range(2):
-        before, wires = place.memory, [opened(place.port, NAME, RATE) for _ in range(N_IDLE)]
-        offer(Load(N_IDLE, RATE / 10, 10, 5.0), wires, rows)
-        grown.append((place.memory - before) / N_IDLE / 1e3)
-        if len(grown) == 1:
-            ended(wires)
-    return grown[0]
+    for wires in ([opened(place.port, NAME, RATE) for _ in range(N_IDLE)] for _ in range(2)):
+        before = place.memory
+        offer(Load(N_IDLE, RATE, 10, 10.0), wires, rows)
+        grown = (place.memory - before) / N_IDLE / 1e3
+        ended(wires)
+    return grown
 
 
 def section(found: Found) -> tuple[str, list[page.Goal]]:

@@ -22,6 +22,8 @@ from app.motion.trajectory import Floats
 
 ASK_EVERY = 10
 """Messages of a stream for one question behind them."""
+AHEAD = 16
+"""Frames by which streams are apart at most."""
 SETTLE_S = 1.0
 """What is sent first and not measured [s]."""
 ANSWER_S = 2.0
@@ -157,7 +159,8 @@ def frames(first_seq: int, rows: Floats) -> bytes:
 def offer(load: Load, wires: Sequence[Wire], rows: Floats) -> Answers:
     """Offer a load to streams just opened; rows: (n, n_channels), each stream starts elsewhere in them.
 
-    Streams are staggered: message j of stream i is due at (j + i / streams) intervals. An answer is the
+    Streams are staggered: message j of stream i is due at (j + i / streams) intervals; what stream i sends
+    before, up to AHEAD frames at once, is as if it had begun at another time. An answer is the
     ``pong`` to a ``ping`` sent behind every tenth message, in one piece with it. Raises ConnectionError
     where a stream does not last.
     """
@@ -167,7 +170,7 @@ def offer(load: Load, wires: Sequence[Wire], rows: Floats) -> Answers:
 class _Offer:
     def __init__(self, load: Load, wires: Sequence[Wire], rows: Floats) -> None:
         self._load, self._wires, self._rows = load, wires, rows
-        n_frames = load.n_messages * load.chunk
+        n_frames = AHEAD + load.n_messages * load.chunk
         self._starts = np.linspace(0, len(rows) - n_frames, len(wires)).astype(int).tolist()
         self._total = load.n_messages * len(wires)
         self._step = load.interval / len(wires)
@@ -183,6 +186,10 @@ class _Offer:
             wire.socket.setblocking(False)
             self._poll.register(wire.socket, select.EPOLLIN)
         try:
+            for stream, wire in enumerate(self._wires):
+                if ahead := stream % AHEAD:
+                    begin = self._starts[stream]
+                    wire.socket.send(frames(0, self._rows[begin : begin + ahead]))
             self._begin, sent = time.perf_counter() + 0.1, 0
             while sent < self._total:
                 sent = self._send_due(sent)
@@ -209,7 +216,7 @@ class _Offer:
 
     def _send(self, number: int) -> None:
         message, stream = divmod(number, len(self._wires))
-        first, chunk = message * self._load.chunk, self._load.chunk
+        first, chunk = stream % AHEAD + message * self._load.chunk, self._load.chunk
         begin = self._starts[stream] + first
         data = frames(first, self._rows[begin : begin + chunk])
         if (message + stream) % ASK_EVERY == 0:

@@ -106,5 +106,6 @@ def likely_goals(belief: Belief, candidates: Mapping[str, Floats]) -> dict[str, 
 
 def _shares(logs: Floats) -> Floats:
     """Return the shares of one of these logarithms of weights."""
-    weights: Floats = np.exp(logs - logs.max())
-    return weights / weights.sum()
+    weights = np.exp(logs - logs.max())
+    shares: Floats = weights / weights.sum()
+    return shares

@@ -34,6 +34,9 @@ from app.service.tokens import digest_of
 POLL = 0.5
 """How often a session of another process is looked at [s]."""
 
+PATIENCE, BETWEEN = 20, 10
+"""Beats of a process that is too late before a session has to leave, and between two of them."""
+
 log = logging.getLogger(__name__)
 
 
@@ -43,8 +46,8 @@ class Limits:
 
     idle: without a message from the client; send: for a message to be taken; resume: between two
     connections of a session; drain: for going away; keep_alive: between two comments in server-sent events;
-    late: that the event loop may be before no session is taken on, and twice that before the newest has to
-    leave, to be resumed when there is time again.
+    late: that the event loop may be before no session is taken on; where it is twice that for long, one after
+    the other has to leave, to be resumed when there is time again.
     """
 
     idle: float = 60.0
@@ -100,6 +103,7 @@ class LiveSessions:
         self._journal = Journal(store.write)
         self._places: dict[str, _Place] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._strained, self._taken = 0, dict[str, int]()
         self.pulse = Pulse(self._shed)
         self._beating = asyncio.create_task(self.pulse.beat())
 
@@ -223,12 +227,24 @@ class LiveSessions:
             raise Overloaded
 
     def _shed(self) -> None:
-        """Let the newest session go where the process cannot keep up with those that it has."""
-        if self.pulse.late > 2.0 * self.limits.late:
-            holds = [place.attachment for place in self._places.values() if place.attachment is not None]
-            staying = [hold for hold in holds if hold.stays]
-            if staying:
-                staying[-1].revoke(Overloaded())
+        """Let a session go where the process has not kept up for long: of those that take the most the newest.
+
+        Called at every beat. A session that is alone may be as greedy as it likes.
+        """
+        taken = {id_: place.session.next_seq for id_, place in self._places.items()}
+        lately = {id_: seq - self._taken.get(id_, seq) for id_, seq in taken.items()}
+        self._strained = self._strained + 1 if self.pulse.late > 2.0 * self.limits.late else 0
+        if self._strained == 0:
+            self._taken = taken
+        if self._strained < PATIENCE:
+            return
+        self._strained, self._taken = PATIENCE - BETWEEN, taken
+        holds = {id_: place.attachment for id_, place in self._places.items()}
+        held = {id_: hold for id_, hold in holds.items() if hold is not None and hold.stays}
+        if len(held) > 1:
+            most = max(lately[id_] for id_ in held)
+            *_, newest = (hold for id_, hold in held.items() if 2 * lately[id_] >= most)
+            newest.revoke(Overloaded())
 
     def _make_room(self) -> None:
         """Where all places are taken, one that waits is given up: an ended one, else the longest waiting."""

@@ -20,7 +20,7 @@ from app.service.uploads import specification_of
 
 KIND = "training"
 DEFAULTS = TrainingOptions()
-LIBRARIES = ("gesta", "hmmlearn", "numba", "numpy", "scikit-learn", "scipy")
+LIBRARIES = ("gesta", "numba", "numpy")
 
 Progress = Callable[[int, int, str], None]
 """Told (done, total, message); raises JobCancelled where the job was asked to end."""

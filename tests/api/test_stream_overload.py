@@ -1,4 +1,4 @@
-"""More to do than time: nobody starves, and where time does not do the newest have to wait."""
+"""More to do than time: nobody starves, and where time does not do the greediest have to wait."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from app.motion.model import Model
 from app.motion.simulation import recording
 from app.registry.artifacts import dump_model
 from app.registry.store import Store
-from app.service.live import LiveSessions
+from app.service.live import PATIENCE, Attachment, LiveSessions
 from app.service.pulse import BEATS, Pulse
 from app.service.session import BATCH, Session
 from app.settings import Settings
@@ -117,45 +117,78 @@ def test_the_least_of_some_looks_counts() -> None:
     assert looks == [0.0] * (BEATS + 1) + [0.5, 0.2, 0.0]
 
 
-def late(live: LiveSessions, seconds: float) -> None:
+def late(live: LiveSessions, seconds: float, n_beats: int = BEATS) -> None:
     """Let the event loop have been late for a while."""
-    for _ in range(BEATS):
+    for _ in range(n_beats):
         live.pulse.note(seconds)
 
 
-def test_where_time_does_not_do_nobody_is_taken_on_and_the_newest_leave(
-    tmp_path: Path, trained: Model
-) -> None:
+def holds(live: LiveSessions) -> list[Attachment]:
+    return [place.attachment for place in live._places.values() if place.attachment is not None]
+
+
+def test_where_time_does_not_do_nobody_is_taken_on(tmp_path: Path, trained: Model) -> None:
     async def work(app: FastAPI) -> None:
         live: LiveSessions = app.state.live
-        first, second, third = (Client(START, *one_by_one(50)) for _ in range(3))
-        serving = []
-        for client in (first, second):
-            serving.append(asyncio.create_task(client.serve(app)))
-            started = await client.hear("started")
-            client.say({"type": "flush", "id": 1})
-            await client.hear("flushed")
         late(live, 1.5 * live.limits.late)
-        await third.serve(app)
-        assert third.code == 1013
-        [error] = third.heard
+        refused = Client(START, *one_by_one(5))
+        await refused.serve(app)
+        assert refused.code == 1013
+        [error] = refused.heard
         assert (error["code"], error["retryable"]) == ("overloaded", True)
-        late(live, 3.0 * live.limits.late)
-        await serving[1]
-        assert second.code == 1013
         late(live, 0.0)
-        resume = {
-            "session_id": started["session_id"],
-            "token": started["resume_token"],
-            "last_event": -1,
-        }
+        taken = Client(START, *one_by_one(5), {"type": "end", "last_seq": 4})
+        await taken.serve(app)
+        assert taken.code == 1000
+
+    with_app(tmp_path, trained, work)
+
+
+def test_the_greediest_leaves_and_goes_on_when_there_is_time(tmp_path: Path, trained: Model) -> None:
+    async def work(app: FastAPI) -> None:
+        live: LiveSessions = app.state.live
+        calm, flood, idle = (Client(START) for _ in range(3))
+        serving = []
+        for client in (calm, flood, idle):
+            serving.append(asyncio.create_task(client.serve(app)))
+            await client.hear("started")
+        live._beating.cancel()
+        late(live, 3.0 * live.limits.late)
+        for client, n_frames in ((calm, 10), (flood, 200)):
+            for message in [*one_by_one(n_frames), {"type": "flush", "id": 1}]:
+                client.say(message)
+            await client.hear("flushed")
+        late(live, 3.0 * live.limits.late, PATIENCE - 2)
+        assert [hold.stays for hold in holds(live)] == [True, True, True]
+        late(live, 3.0 * live.limits.late, 1)
+        assert [hold.stays for hold in holds(live)] == [True, False, True]
+        await serving[1]
+        assert flood.code == 1013
+        late(live, 0.0)
+        started = await flood.hear("started")
+        resume = {"session_id": started["session_id"], "token": started["resume_token"], "last_event": -1}
         again = Client({**START, "resume": resume})
         serving[1] = asyncio.create_task(again.serve(app))
-        assert (await again.hear("started"))["next_seq"] == 50
-        for client in (first, again):
-            client.say({"type": "end", "last_seq": 49})
+        assert (await again.hear("started"))["next_seq"] == 200
+        for client in (calm, again, idle):
+            client.say({"type": "end"})
         await asyncio.gather(*serving)
-        assert (first.code, again.code) == (1000, 1000)
+        assert (calm.code, again.code, idle.code) == (1000, 1000, 1000)
+
+    with_app(tmp_path, trained, work)
+
+
+def test_a_session_that_is_alone_stays(tmp_path: Path, trained: Model) -> None:
+    async def work(app: FastAPI) -> None:
+        live: LiveSessions = app.state.live
+        alone = Client(START, *one_by_one(50))
+        serving = asyncio.create_task(alone.serve(app))
+        await alone.hear("started")
+        live._beating.cancel()
+        late(live, 9.0, 3 * PATIENCE)
+        alone.say({"type": "end", "last_seq": 49})
+        await serving
+        assert alone.code == 1000
 
     with_app(tmp_path, trained, work)
 
