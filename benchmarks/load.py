@@ -36,10 +36,10 @@ MOST_S = 0.010
 FIRST, STEP = 30, 1.1
 """Streams that are tried first, and by how much more they are next."""
 TRIALS = 3
-"""So many times a load is tried before it is too much: other work on the machine disturbs one now and then."""
+"""So many times a load is tried before it is too much: other work on the machine disturbs it."""
 SHARE, GAIN, MOST_KB = 0.8, 1.4, 200.0
-N_IDLE = 50
-"""Sessions that memory is measured with."""
+N_IDLE, IDLE_S = 50, 10.0
+"""Sessions that memory is measured with, after one alone, and how long they take in motion [s]."""
 
 INTRODUCTION = """\
 Binary streams of one object at {rate:g} Hz over WebSocket, staggered over the interval between two
@@ -159,12 +159,13 @@ def _trial(places: Sequence[Place], load: Load, rows: Floats) -> Answers | None:
 
 def _memory(place: Place, rows: Floats) -> float:
     """Return the memory of an open session after some seconds of motion [KB]."""
-    for wires in ([opened(place.port, NAME, RATE) for _ in range(N_IDLE)] for _ in range(2)):
-        before = place.memory
-        offer(Load(N_IDLE, RATE, 10, 10.0), wires, rows)
-        grown = (place.memory - before) / N_IDLE / 1e3
+    grown = []
+    for n in (1, N_IDLE):
+        before, wires = place.memory, [opened(place.port, NAME, RATE) for _ in range(n)]
+        offer(Load(n, RATE, 10, IDLE_S), wires, rows)
+        grown.append((place.memory - before) / n / 1e3)
         ended(wires)
-    return grown
+    return grown[-1]
 
 
 def section(found: Found) -> tuple[str, list[page.Goal]]:

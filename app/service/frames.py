@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -40,12 +41,12 @@ class Layout:
     rate_hz: float | None = None
     encoding: Encoding = "json"
 
-    @property
+    @cached_property
     def tracks(self) -> tuple[str, ...]:
         """The fields of positions, in the order of the columns."""
         return ("hand", *(f"objects.{name}" for name in self.objects))
 
-    @property
+    @cached_property
     def channels(self) -> tuple[str, ...]:
         """The columns of a binary message."""
         time = () if self.rate_hz is not None else ("t",)

@@ -1,7 +1,7 @@
 """The journal: what sessions took in and decided goes to the database, one transaction for all of them.
 
-Frames alone wait up to ``PAUSE`` for company; a decision goes at once. The write runs in a thread, so the
-event loop goes on while the disk turns.
+Frames alone wait ``PAUSE`` for company; a decision goes at once, with the frames of its own session alone. The
+write runs in a thread, so the event loop goes on while the disk turns.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from app.registry.records import StoredEvent
 from app.service.session_errors import SessionError, WriteFailed
 
 PAUSE = 0.4
-"""Longest time that frames wait before they are written [s]."""
+"""How long frames wait before they are written [s]."""
 
 log = logging.getLogger(__name__)
 
@@ -56,7 +56,7 @@ class Journal:
 
     def __init__(self, write: Callable[[Sequence[Entry]], None]) -> None:
         self._write = write
-        self._waiting: dict[Source, None] = {}
+        self._waiting: dict[Source, bool] = {}
         self._any = asyncio.Event()
         self._urgent = asyncio.Event()
         self._closing = False
@@ -64,10 +64,12 @@ class Journal:
 
     def note(self, source: Source, urgent: bool) -> None:
         """Write what the source has to add soon, or at once."""
-        self._waiting[source] = None
-        self._any.set()
         if urgent:
             self._urgent.set()
+        elif source in self._waiting:
+            return
+        self._waiting[source] = urgent
+        self._any.set()
 
     async def close(self) -> None:
         """Write what is left and stop."""
@@ -77,16 +79,22 @@ class Journal:
         await self._task
 
     async def _run(self) -> None:
+        clock = asyncio.get_running_loop().time
         while not self._closing or self._waiting:
             await self._any.wait()
-            with suppress(TimeoutError):
-                await asyncio.wait_for(self._urgent.wait(), PAUSE)
-            await self._write_all()
+            due = clock() + PAUSE
+            while (left := due - clock()) > 0 and not self._closing:
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(self._urgent.wait(), left)
+                await self._write_those([source for source, urgent in self._waiting.items() if urgent])
+            await self._write_those(list(self._waiting))
 
-    async def _write_all(self) -> None:
-        sources, self._waiting = list(self._waiting), {}
-        self._any.clear()
+    async def _write_those(self, sources: Sequence[Source]) -> None:
+        for source in sources:
+            del self._waiting[source]
         self._urgent.clear()
+        if not self._waiting:
+            self._any.clear()
         entries = [source.collect() for source in sources]
         if entries and await self._try(entries) is None:
             for source, entry in zip(sources, entries, strict=True):

@@ -175,13 +175,30 @@ class TestJournal:
             sources = [Source(name) for name in "abc"]
             for source in sources:
                 journal.note(source, urgent=False)
-                journal.note(source, urgent=source.session_id == "c")
             await asyncio.gather(*(source.over.wait() for source in sources))
             await journal.close()
             assert [source.durable for source in sources] == [[1], [1], [1]]
 
         asyncio.run(run())
         assert written == [["a", "b", "c"]]
+
+    def test_a_decision_waits_for_nobody_and_takes_nobody_along(self) -> None:
+        written: list[list[str]] = []
+
+        async def run() -> None:
+            journal = Journal(lambda entries: written.append([entry.session_id for entry in entries]))
+            frames, decision = Source("frames"), Source("decision")
+            for source in (frames, decision):
+                journal.note(source, urgent=False)
+            journal.note(decision, urgent=True)
+            journal.note(decision, urgent=False)
+            await decision.over.wait()
+            assert written == [["decision"]]
+            await frames.over.wait()
+            await journal.close()
+
+        asyncio.run(run())
+        assert written == [["decision"], ["frames"]]
 
     def test_a_session_that_cannot_be_written_harms_no_other(self) -> None:
         def write(entries: Sequence[Entry]) -> None:
