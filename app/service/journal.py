@@ -1,7 +1,7 @@
 """The journal: what sessions took in and decided goes to the database, one transaction for all of them.
 
-Frames alone wait ``PAUSE`` for company; a decision goes at once, with the frames of its own session alone. The
-write runs in a thread, so the event loop goes on while the disk turns.
+Frames alone wait ``PAUSE`` for company; a decision goes at once, with the frames of its own session alone.
+The write runs in a thread, so the event loop goes on while the disk turns.
 """
 
 from __future__ import annotations

@@ -227,7 +227,7 @@ class LiveSessions:
             raise Overloaded
 
     def _shed(self) -> None:
-        """Let a session go where the process has not kept up for long: of those that take the most the newest.
+        """Let a session go where the process has long been late: of those that take the most the newest.
 
         Called at every beat. A session that is alone may be as greedy as it likes.
         """
