@@ -178,6 +178,7 @@ class _Offer:
         self._answered = np.full(self._total, np.inf)
         self._asked = np.zeros(self._total, dtype=bool)
         self._open = 0
+        self._messages = [self._message(number) for number in range(self._total)]
         self._poll = select.epoll()
         self._of = {wire.socket.fileno(): wire for wire in wires}
 
@@ -214,21 +215,26 @@ class _Offer:
             self._send(number)
         return min(sent + AT_ONCE, self._total)
 
-    def _send(self, number: int) -> None:
+    def _message(self, number: int) -> bytes:
+        """Return a message with its question, and note that it has one."""
         message, stream = divmod(number, len(self._wires))
         first, chunk = stream % AHEAD + message * self._load.chunk, self._load.chunk
         begin = self._starts[stream] + first
         data = frames(first, self._rows[begin : begin + chunk])
         if (message + stream) % ASK_EVERY == 0:
             self._asked[number] = True
-            self._open += 1
             data += framed(TEXT, b'{"type":"ping","id":%d}' % number)
+        return data
+
+    def _send(self, number: int) -> None:
+        data = self._messages[number]
         try:
-            sent = self._wires[stream].socket.send(data)
+            sent = self._wires[number % len(self._wires)].socket.send(data)
         except BlockingIOError:
             sent = 0
         if sent < len(data):
             raise ConnectionError("the server does not read")
+        self._open += bool(self._asked[number])
 
     def _read(self, until: float) -> None:
         """Read what has come; where nothing has, wait for it until a time."""
