@@ -19,6 +19,9 @@ WORKER = "import app.cli, app.service.worker"
 
 JOBS = """
 from dataclasses import replace
+import numpy as np
+from app.service.frames import Frames, Layout, settle
+from app.service.geometry import Geometry
 from app.motion.evaluation import evaluate
 from app.motion.generation import generate
 from app.motion.model import FeatureSpecification
@@ -44,6 +47,9 @@ recogniser = Recogniser(model, rate=100.0)
 for at in range(0, len(motion.trajectory), 5):
     recogniser.push(motion.trajectory.part(at, at + 5))
     recogniser.hypothesis()
+sent = Frames(0, motion.trajectory.times, np.stack([motion.trajectory.hand, seen["a"]], axis=1))
+rows = settle(Layout(("object",), Geometry()), sent, 0, -1.0)
+Recogniser(model).take(rows[:, 0], rows[:, 1:].reshape(len(rows), -1, 3))
 evaluate([(motion.trajectory.times, motion.segments, motion.segments)])
 for method in ("default", "paper"):
     generate(model, model.names[0], [0, 0, 0.02], [0.1, 0.35, 0.04], method=method)

@@ -69,22 +69,13 @@ class _Wire:
         self._limits = live.limits
         self._turn = asyncio.Lock()
         self._open = True
-        self._silent_since: float | None = None
-
-    async def silence(self) -> NoReturn:
-        """Wait until the client has said nothing for too long. Raises Idle."""
-        loop, limit = asyncio.get_running_loop(), self._limits.idle
-        while True:
-            since = loop.time() if self._silent_since is None else self._silent_since
-            if loop.time() - since >= limit:
-                raise Idle(limit)
-            await asyncio.sleep(since + limit - loop.time())
+        self.silent_since: float | None = None
 
     async def receive(self) -> str | bytes:
         """Return the next message. Raises WebSocketDisconnect, TooBig."""
-        self._silent_since = asyncio.get_running_loop().time()
+        self.silent_since = asyncio.get_running_loop().time()
         received = await self._socket.receive()
-        self._silent_since = None
+        self.silent_since = None
         if received["type"] == "websocket.disconnect":
             self._open = False
             raise WebSocketDisconnect(received["code"])
@@ -188,7 +179,7 @@ class _Connection:
         """Serve until the session has ended, which is told. Raises what ends the connection before."""
         await self._welcome(token)
         jobs: list[Coroutine[Any, Any, None]] = [self._work(), self._tell_events(), self._acknowledge()]
-        jobs += [self._attachment.revoked(), self._drain(), self._wire.silence()]
+        jobs += [self._attachment.revoked(), self._drain(), self._listen()]
         if self._start.options.hypotheses:
             jobs.append(self._guess())
         reader = asyncio.create_task(self._read())
@@ -262,6 +253,17 @@ class _Connection:
                 await self._all_told()
                 return
             self._is_working = False
+
+    async def _listen(self) -> NoReturn:
+        """Wait until the client has said nothing for too long, with nothing left to do. Raises Idle."""
+        loop, limit = asyncio.get_running_loop(), self._live.limits.idle
+        while True:
+            since, is_busy = self._wire.silent_since, self._is_working or not self._queue.empty()
+            if since is None or is_busy:
+                since = loop.time()
+            if loop.time() - since >= limit:
+                raise Idle(limit)
+            await asyncio.sleep(since + limit - loop.time())
 
     async def _all_told(self) -> None:
         await self._session.saved()

@@ -56,6 +56,7 @@ class StreamServer(uvicorn.Server):
         To look at all of it takes a tenth of a second, in which no frame is recognised.
         """
         await super().startup(sockets)
+        gc.collect()
         gc.freeze()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:

@@ -108,7 +108,7 @@ class Criterion:
 
         bounds: (n_frames + 1, n_classes) sums of ``most`` over all frames before; before: (n_segments,) what
         a division has where a segment begins. What cannot give the best division is not looked at: a segment
-        has ``least`` then.
+        has ``least`` then. One of which not every frame is looked at has no bound and is looked at always.
         """
         return _best(
             tracks,
@@ -185,11 +185,14 @@ def _best(
     before: Floats,
     least: Floats,
 ) -> Floats:
-    values, most_of_all = least.copy(), (before + least).max()
+    values = least.copy()
+    if len(segments) == 0:
+        return values
+    most_of_all = (before + least).max()
     most_of = _bounds(tracks, segments, terms, bounds)
     most = before + _row_maxima(most_of)
     lanes, shape = lanes_for(states, len(fillings)), (LANES, len(terms.nearest))
-    while most.max() >= most_of_all:
+    while most.max() > -np.inf and most.max() >= most_of_all:
         group = _group(segments, most, most_of_all)
         could = np.zeros(shape[1], dtype=np.bool_)
         for index in group:

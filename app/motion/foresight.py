@@ -18,6 +18,7 @@ from app.motion.features import axes
 from app.motion.lanes import States, begin, follow, lanes_for, least_log, put
 from app.motion.model import PHASE, ActionModel, Model
 from app.motion.scoring import model_states
+from app.motion.simd import LANES
 from app.motion.trajectory import Floats, Indices
 
 PHASES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97])
@@ -124,7 +125,9 @@ def _outlook(
     for k in range(n_classes):
         for p in range(n_phases):
             _goal(start, here, max(course.way[k, p], LEAST_WAY), course.aside[k, p], goals[k, p])
-            put(lanes, p, (origin, through), start, goals[k, p], (through - origin) / PHASES[p])
+        for lane in range(LANES):
+            p = min(lane, n_phases - 1)
+            put(lanes, lane, (origin, through), start, goals[k, p], (through - origin) / PHASES[p])
         follow(lanes, tracks, table_height, frames, np.array([k]), states, fillings)
         for p in range(n_phases):
             slow = (np.log((through - origin) / PHASES[p]) - course.tempo[k, 0]) / course.tempo[k, 1]

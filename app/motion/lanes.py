@@ -24,7 +24,7 @@ from app.motion.simd import LANES, Vector, least, load, store, strays
 from app.motion.trajectory import Floats, Indices
 
 SCALE_EVERY = 4
-"""Frames between two looks at the range of the costs: an absurd one multiplies them by up to 1e50."""
+"""Frames between two looks at the range of the costs, which leave room for absurd ones."""
 
 _LOW, _HIGH = 1e-90, 1e90  # costs beyond are halved until they are about 1
 _LN2 = math.log(2.0)
@@ -273,7 +273,9 @@ def _halve(lanes: Lanes, f: int, k: int, low: int, high: int) -> None:
     if strays(best, _LOW, _HIGH):
         store(lanes.spare, 0, best)
         for lane in range(LANES):
-            exponent = math.frexp(lanes.spare[0, lane])[1] if lanes.spare[0, lane] < np.inf else 0
+            best_of, exponent = lanes.spare[0, lane], 0
+            if best_of < np.inf and not _LOW <= best_of <= _HIGH:
+                exponent = math.frexp(best_of)[1]
             lanes.spare[0, lane] = math.ldexp(1.0, -exponent)
             lanes.halved[f, k, lane] += exponent
         factor = load(lanes.spare, 0)

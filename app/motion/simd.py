@@ -2,8 +2,8 @@
 
 A compiler turns loops into vector instructions only where it can prove that no array overlaps another. Here
 nothing has to be proved: ``load`` takes a row of ``LANES`` numbers out of an array, ``+ - *`` and ``least``
-work on all of them, ``store`` puts them back. Products that are added are fused, always: each lane gives
-the same bits whatever is beside it. For compiled code only.
+work on all of them, ``store`` puts them back. Products that are added may be fused, all lanes alike: each
+gives the same bits whatever is beside it. For compiled code only.
 """
 
 from __future__ import annotations

@@ -110,9 +110,9 @@ def append(
 
 
 def append_all(tx: Session, additions: Sequence[Addition]) -> tuple[str, ...]:
-    """Add to many sessions at once, to each once; return which were over before. See ``append``."""
-    query = sa.select(table).where(table.c.id.in_([each.id for each in additions])).with_for_update()
-    known = {row.id: _record(row) for row in tx.execute(query)}
+    """Add to sessions, at least one and to each once; return which were over before. See ``append``."""
+    query = sa.select(table).where(table.c.id.in_([each.id for each in additions])).order_by(table.c.id)
+    known = {row.id: _record(row) for row in tx.execute(query.with_for_update())}
     frames, fresh, changes = list[_Row](), list[_Row](), list[_Row]()
     for each in additions:
         if (session := known.get(each.id)) is None:

@@ -132,7 +132,8 @@ def settle(layout: Layout, frames: Frames, skip: int, last_time: float) -> Float
     first_seq = frames.first_seq + skip
     times = frames.times[skip:]
     if layout.rate_hz is not None:
-        times = np.arange(first_seq, frames.first_seq + len(frames)) / layout.rate_hz
+        with np.errstate(over="ignore"):
+            times = np.arange(first_seq, frames.first_seq + len(frames)) / layout.rate_hz
     positions = to_metres(frames.positions[skip:].reshape(-1, 3), layout.geometry).reshape(len(times), -1, 3)
     rows = np.empty((len(times), 1 + 3 * len(layout.tracks)))
     rows[:, 0], rows[:, 1:] = times, positions.reshape(len(times), -1)
@@ -143,12 +144,11 @@ def settle(layout: Layout, frames: Frames, skip: int, last_time: float) -> Float
 
 def _refuse(layout: Layout, times: Floats, positions: Floats, last_time: float, check: _Check) -> None:
     """Raise FramesRefused for what is wrong with frames."""
-    if layout.rate_hz is None:
-        check.none(~np.isfinite(times), "t", "non_finite", "is not a finite number of seconds")
-        late = np.diff(times, prepend=last_time) <= 0
-        check.none(late, "t", "times_not_increasing", "must be later than the frame before it")
-        far = np.abs(times) > FARTHEST_S
-        check.none(far, "t", "wrong_unit", f"lies over {FARTHEST_S:g} s from 0: a wrong unit of time?")
+    check.none(~np.isfinite(times), "t", "non_finite", "is not a finite number of seconds")
+    late = np.diff(times, prepend=last_time) <= 0
+    check.none(late, "t", "times_not_increasing", "must be later than the frame before it")
+    far = np.abs(times) > FARTHEST_S
+    check.none(far, "t", "wrong_unit", f"lies over {FARTHEST_S:g} s from 0: a wrong unit of time?")
     for index, field in enumerate(layout.tracks):
         check.track(positions[:, index], field)
 

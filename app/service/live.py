@@ -241,8 +241,8 @@ class LiveSessions:
         self._strained, self._taken = PATIENCE - BETWEEN, taken
         holds = {id_: place.attachment for id_, place in self._places.items()}
         held = {id_: hold for id_, hold in holds.items() if hold is not None and hold.stays}
-        if len(held) > 1:
-            most = max(lately[id_] for id_ in held)
+        most = max((lately[id_] for id_ in held), default=0)
+        if len(held) > 1 and most > 0:
             *_, newest = (hold for id_, hold in held.items() if 2 * lately[id_] >= most)
             newest.revoke(Overloaded())
 

@@ -178,6 +178,22 @@ def test_the_greediest_leaves_and_goes_on_when_there_is_time(tmp_path: Path, tra
     with_app(tmp_path, trained, work)
 
 
+def test_sessions_that_send_nothing_stay(tmp_path: Path, trained: Model) -> None:
+    async def work(app: FastAPI) -> None:
+        live: LiveSessions = app.state.live
+        clients = [Client(START) for _ in range(3)]
+        serving = [asyncio.create_task(client.serve(app)) for client in clients]
+        await asyncio.gather(*(client.hear("started") for client in clients))
+        live._beating.cancel()
+        late(live, 9.0, 3 * PATIENCE)
+        assert [hold.stays for hold in holds(live)] == [True, True, True]
+        for client in clients:
+            client.say({"type": "end"})
+        await asyncio.gather(*serving)
+
+    with_app(tmp_path, trained, work)
+
+
 def test_a_session_that_is_alone_stays(tmp_path: Path, trained: Model) -> None:
     async def work(app: FastAPI) -> None:
         live: LiveSessions = app.state.live

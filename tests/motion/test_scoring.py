@@ -241,3 +241,16 @@ def test_threads_share_the_work_without_the_lock() -> None:
     with ThreadPoolExecutor(2) as threads:
         halves = list(threads.map(lambda half: ratios(model, motion, half), np.split(segments, 2)))
     np.testing.assert_array_equal(np.concatenate(halves), ratios(model, motion, segments))
+
+
+@LAW
+@given(seeds, st.floats(1.0, 100.0))
+def test_far_off_a_segment_does_not_depend_on_the_others_either(seed: int, off: float) -> None:
+    rng = np.random.default_rng(seed)
+    model, motion = model_of(rng, (8, 20)), motion_of(rng, 120)
+    model = replace(model, actions=tuple(replace(each, durations=np.ones(2)) for each in model.actions))
+    motion = motion._replace(hand=off * motion.hand, objects=off * motion.objects)
+    segments = segments_of(rng, 120, 12)
+    every = ratios(model, motion, segments)
+    for index, segment in enumerate(segments):
+        np.testing.assert_array_equal(ratios(model, motion, [segment])[0], every[index])

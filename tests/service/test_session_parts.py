@@ -61,6 +61,13 @@ class TestFrames:
         np.testing.assert_array_equal(whole[:, 0], np.arange(7, 11) / 30.0)
         np.testing.assert_array_equal(rest, whole[2:])
 
+    @pytest.mark.parametrize(("rate_hz", "code"), [(1e-320, "non_finite"), (1e-12, "wrong_unit")])
+    def test_a_rate_that_makes_no_times_is_refused(self, rate_hz: float, code: str) -> None:
+        layout = Layout((), Geometry(), rate_hz=rate_hz)
+        with pytest.raises(FramesRefused, match="t, frame") as refused:
+            settle(layout, from_columns(layout, 0, None, [[0, 0, 0]] * 4, {}), 0, -1.0)
+        assert refused.value.code == code
+
     def test_only_what_is_new_is_looked_at_and_named_by_its_number(self) -> None:
         frames = from_columns(LAYOUT, 10, [1.0, 2.0, 3.0], [[0, 0, 0], [1, 1, 1], [900, 0, 0]], self.things())
         with pytest.raises(FramesRefused, match=r"hand, frame 2: .*unit") as refused:
