@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from hmmlearn.hmm import GaussianHMM
-from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from app.motion.conditioning import Tracks
-from app.motion.criterion import Criterion, Scores
 from app.motion.features import N_DEVIATIONS, encode
 from app.motion.model import ActionModel, Model
 from app.motion.scoring import predictive
-from app.motion.trajectory import Floats
-
-Indices = NDArray[np.int64]
+from app.motion.trajectory import Floats, Indices
+from benchmarks.plainly import Plainly
 
 
 class Chain(GaussianHMM):  # type: ignore[misc]
@@ -45,38 +42,13 @@ class Chain(GaussianHMM):  # type: ignore[misc]
         return densities
 
 
-class PlainCriterion(Criterion):
+class PlainCriterion(Plainly):
     """The criterion with one ``decode`` per segment, filling and class; for motion without dropouts."""
 
     def __init__(self, model: Model, table_height: float, fillings: Indices) -> None:
         super().__init__(model, table_height, fillings)
         self._chains = [Chain(action) for action in model.actions]
         self._width = model.background.width
-
-    def __call__(self, tracks: Tracks, segments: Indices) -> Scores:
-        """Return the scores of segments; (n_segments, 2)."""
-        way = np.linalg.norm(tracks.hand[segments[:, 1]] - tracks.hand[segments[:, 0]], axis=1)
-        terms, shape = self._terms, (len(segments), len(self._chains))
-        scores = Scores(np.full(shape, -np.inf), np.full(shape, -np.inf), np.zeros(shape, dtype=np.int64))
-        for row in np.flatnonzero(way >= terms.nearest.min()).tolist():
-            start, goal = segments[row].tolist()
-            part = tracks.part(start, goal + 1)
-            of_fillings = np.array([self._ratios(part, filling) for filling in self._fillings.tolist()])
-            ratios, slow = (
-                of_fillings.max(axis=0),
-                (np.log(goal - start) - terms.tempo[:, 0]) / terms.tempo[:, 1],
-            )
-            counted = terms.evidence * ratios - 0.5 * slow**2
-            scores.criterion[row] = np.where(way[row] < terms.nearest, -np.inf, counted)
-            scores.ratio[row], scores.filling[row] = ratios / len(part.pace), of_fillings.argmax(axis=0)
-        return scores
-
-    def best(
-        self, tracks: Tracks, segments: Indices, _bounds: Floats, _before: Floats, least: Floats
-    ) -> Floats:
-        """Return (n_segments,) values of the best class, whatever lies before."""
-        values: Floats = np.maximum(self(tracks, segments).criterion.max(axis=1), least)
-        return values
 
     def _ratios(self, part: Tracks, filling: list[int]) -> list[float]:
         """Return the (n_classes,) log-likelihood ratios to the background of a whole movement [nat]."""

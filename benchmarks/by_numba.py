@@ -12,11 +12,11 @@ from numba import njit
 from scipy.special import gammaln
 
 from app.motion.conditioning import Tracks
-from app.motion.criterion import Criterion, Scores
-from app.motion.features import alignment
+from app.motion.features import axes
 from app.motion.model import N_OF_MOVEMENT, N_OF_ROLE, PACE, PHASE, Model
 from app.motion.scoring import predictive
 from app.motion.trajectory import Floats, Indices
+from benchmarks.plainly import Plainly
 
 
 class Chain(NamedTuple):
@@ -34,7 +34,7 @@ class Chain(NamedTuple):
     leave: Floats
 
 
-class NumbaCriterion(Criterion):
+class NumbaCriterion(Plainly):
     """The criterion with one pass per segment, class and filling."""
 
     def __init__(self, model: Model, table_height: float, fillings: Indices) -> None:
@@ -47,60 +47,38 @@ class NumbaCriterion(Criterion):
             stay, leave = np.log(action.stay), np.log1p(-action.stay)
             self._chains.append(Chain(action.means, scale, peaks, freedom, stay, leave))
 
-    def __call__(self, tracks: Tracks, segments: Indices) -> Scores:
-        """Return the scores of segments; (n_segments, 2)."""
-        way = np.linalg.norm(tracks.hand[segments[:, 1]] - tracks.hand[segments[:, 0]], axis=1)
-        terms, shape = self._terms, (len(segments), len(self._chains))
-        scores = Scores(np.full(shape, -np.inf), np.full(shape, -np.inf), np.zeros(shape, dtype=np.int64))
-        for row in np.flatnonzero(way >= terms.nearest.min()).tolist():
-            start, goal = segments[row].tolist()
-            slow = (np.log(goal - start) - terms.tempo[:, 0]) / terms.tempo[:, 1]
-            for k, chain in enumerate(self._chains):
-                ratios = [
-                    _ratio(tracks, self._table_height, start, goal, each, chain) for each in self._fillings
-                ]
-                if way[row] >= terms.nearest[k]:
-                    scores.criterion[row, k] = terms.evidence * max(ratios) - 0.5 * slow[k] ** 2
-                scores.ratio[row, k] = max(ratios) / (goal - start + 1)
-                scores.filling[row, k] = int(np.argmax(ratios))
-        return scores
-
-    def best(
-        self, tracks: Tracks, segments: Indices, _bounds: Floats, _before: Floats, least: Floats
-    ) -> Floats:
-        """Return (n_segments,) values of the best class, whatever lies before."""
-        values: Floats = np.maximum(self(tracks, segments).criterion.max(axis=1), least)
-        return values
+    def _ratios(self, part: Tracks, filling: list[int]) -> list[float]:
+        """Return the (n_classes,) log-likelihood ratios to the background of a whole movement [nat]."""
+        features = _features(part, self._table_height, np.array(filling, dtype=np.int64))
+        return [_ratio(features, chain) for chain in self._chains]
 
 
 @njit(cache=True)
-def _features(tracks: Tracks, table_height: float, start: int, goal: int, filling: Indices) -> Floats:
-    """Return the (n_frames, n_features) features of a segment."""
-    n = goal - start + 1
+def _features(part: Tracks, table_height: float, filling: Indices) -> Floats:
+    """Return the (n_frames, n_features) features of a whole movement."""
+    n, start, goal = len(part.hand), part.hand[0], part.hand[-1]
     features = np.empty((n, N_OF_MOVEMENT + N_OF_ROLE * len(filling)))
-    rotation = alignment(tracks.hand[start], tracks.hand[goal])
+    rotation = np.array(axes(goal[0] - start[0], goal[1] - start[1], goal[2] - start[2]))
     for frame in range(n):
-        hand, phase = tracks.hand[start + frame], frame / (n - 1)
-        off = hand - tracks.hand[start] * (1.0 - phase) - tracks.hand[goal] * phase
+        hand, phase = part.hand[frame], frame / (n - 1)
+        off = hand - start * (1.0 - phase) - goal * phase
         for axis in range(3):
             features[frame, axis] = np.sum(rotation[axis] * off)
         features[frame, 3] = hand[2] - table_height
-        features[frame, PACE], features[frame, PHASE] = tracks.pace[start + frame], phase
+        features[frame, PACE], features[frame, PHASE] = part.pace[frame], phase
         if np.isnan(hand[0]):
             features[frame, PHASE] = np.nan
         for role, index in enumerate(filling):
             column = N_OF_MOVEMENT + N_OF_ROLE * role
-            features[frame, column] = np.sqrt(np.sum((tracks.objects[index, start + frame] - hand) ** 2))
-            features[frame, column + 1] = tracks.paces[index, start + frame]
+            features[frame, column] = np.sqrt(np.sum((part.objects[index, frame] - hand) ** 2))
+            features[frame, column + 1] = part.paces[index, frame]
     return features
 
 
 @njit(cache=True)
-def _ratio(
-    tracks: Tracks, table_height: float, start: int, goal: int, filling: Indices, chain: Chain
-) -> float:
-    """Return the log-likelihood ratio of a segment to the background [nat]."""
-    features, n_states = _features(tracks, table_height, start, goal, filling), len(chain.stay)
+def _ratio(features: Floats, chain: Chain) -> float:
+    """Return the log-likelihood ratio of a whole movement to the background [nat]."""
+    n_states = len(chain.stay)
     paths = np.full(n_states, -np.inf)
     for frame in range(len(features)):
         before = paths.copy()

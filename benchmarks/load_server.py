@@ -21,6 +21,7 @@ import httpx
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from app.api.stream_server import StreamServer, stream_config
+from app.demo import stop
 from app.main import create_app
 from app.motion.hypothesis import Expected, Hypothesis
 from app.motion.model import Model
@@ -35,7 +36,7 @@ from app.service import session_store
 NAME = "load"
 """Of the model that is streamed to."""
 ROOT = Path(__file__).parents[1]
-START_S, STOP_S = 60.0, 30.0
+START_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -125,12 +126,7 @@ def serving(folder: Path, core: int, spin: Cost | None = None) -> Iterator[Place
             raise RuntimeError(f"the server did not start: {log.read_text()}") from error
         yield Place(port, process.pid)
     finally:
-        process.terminate()
-        try:
-            process.wait(STOP_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        stop(process)
 
 
 def _settings(folder: Path) -> dict[str, str]:

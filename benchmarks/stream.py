@@ -28,10 +28,10 @@ from app.motion.resampling import resample, stack
 from app.motion.roles import fillings
 from app.motion.search import Found
 from app.motion.simulation import RATE, Conditions, demonstrations, recording
-from app.motion.trajectory import Floats, Trajectory
+from app.motion.trajectory import Floats, Indices, Trajectory
 from app.motion.warming import warm
 from benchmarks import page
-from benchmarks.by_hmmlearn import Indices, PlainCriterion
+from benchmarks.by_hmmlearn import PlainCriterion
 from benchmarks.served import Taught, server, teach_demonstrations
 
 TRAINING_SEED, SEED = 0, 1

@@ -36,7 +36,6 @@ _NOTHING = 1e-12  # a vector shorter than this has no direction [m]
 Axis = tuple[float, float, float]
 
 
-@njit(cache=True, nogil=True)
 def alignment(start: Floats, goal: Floats) -> Floats:
     """Return the (3, 3) rotation whose rows are the aligned axes: ``aligned = rotation @ world``.
 

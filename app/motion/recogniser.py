@@ -101,7 +101,7 @@ class Recogniser:
 
         times: (n_frames,) [s]; positions: (n_frames, 1 + n_objects, 3) [m], the hand's first.
         """
-        times, positions = np.ascontiguousarray(times), np.ascontiguousarray(positions)
+        times, positions = np.array(times, order="C"), np.array(positions, order="C")
         intervals = np.empty(len(times))
         intervals[0] = times[0] - self._time
         np.subtract(times[1:], times[:-1], out=intervals[1:])

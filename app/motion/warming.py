@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 from numba.core.event import Listener, install_listener
 
-from app.motion.features import alignment
 from app.motion.model import ActionModel, Background, Familiarity, FeatureSpecification, Model, Rest
 from app.motion.recogniser import Recogniser
-from app.motion.resampling import stack
 from app.motion.training import TrainingOptions, fit_model
 from app.motion.trajectory import Demonstration, Trajectory, is_sound
 from app.motion.validation import cross_validate
@@ -42,16 +40,10 @@ def warm_recognition() -> None:
 def _recognise() -> None:
     motion = _motion()
     is_sound(np.column_stack([motion.times, motion.hand]), -1.0)
-    for streamed in (True, False):  # what is streamed can be written to, a trajectory cannot: two types
-        recogniser = Recogniser(_model())
-        if streamed:
-            recogniser.take(motion.times.copy(), stack(motion, ("object",)))
-        else:
-            recogniser.push(motion)
-        recogniser.hypothesis()
-        recogniser.finish()
-    for hand in (motion.hand, motion.hand.copy()):
-        alignment(hand[0], hand[-1])
+    recogniser = Recogniser(_model())
+    recogniser.push(motion)
+    recogniser.hypothesis()
+    recogniser.finish()
 
 
 def _motion() -> Trajectory:

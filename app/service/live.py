@@ -231,14 +231,15 @@ class LiveSessions:
 
         Called at every beat. A session that is alone may be as greedy as it likes.
         """
-        taken = {id_: place.session.next_seq for id_, place in self._places.items()}
-        lately = {id_: seq - self._taken.get(id_, seq) for id_, seq in taken.items()}
         self._strained = self._strained + 1 if self.pulse.late > 2.0 * self.limits.late else 0
-        if self._strained == 0:
-            self._taken = taken
-        if self._strained < PATIENCE:
+        if self._strained not in (1, PATIENCE):
             return
-        self._strained, self._taken = PATIENCE - BETWEEN, taken
+        before = self._taken
+        self._taken = {id_: place.session.next_seq for id_, place in self._places.items()}
+        if self._strained == 1:
+            return
+        self._strained = PATIENCE - BETWEEN
+        lately = {id_: seq - before.get(id_, seq) for id_, seq in self._taken.items()}
         holds = {id_: place.attachment for id_, place in self._places.items()}
         held = {id_: hold for id_, hold in holds.items() if hold is not None and hold.stays}
         most = max((lately[id_] for id_ in held), default=0)

@@ -10,7 +10,8 @@ from app.motion.criterion import Criterion
 from app.motion.model import Model
 from app.motion.resampling import resample, stack
 from app.motion.simulation import recording
-from benchmarks.by_hmmlearn import Indices, PlainCriterion
+from app.motion.trajectory import Indices
+from benchmarks.by_hmmlearn import PlainCriterion
 
 
 @pytest.mark.parametrize("fillings", [np.array([[0]]), np.array([[1]]), np.array([[0], [1]])])
