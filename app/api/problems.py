@@ -25,6 +25,8 @@ TABLE: tuple[tuple[type[Exception], int, str], ...] = (
     (registry.InvalidName, 422, "invalid_name"),
     (registry.InvalidPageToken, 422, "invalid_page_token"),
     (registry.KeyReused, 409, "idempotency_key_reused"),
+    (registry.DatabaseUnavailable, 503, "database_unavailable"),
+    (registry.StoreUnavailable, 503, "store_unavailable"),
     (registry.ArtifactInvalid, 422, "artifact_invalid"),
     (registry.ArtifactMissing, 503, "artifact_missing"),
     (registry.ArtifactAltered, 503, "artifact_altered"),

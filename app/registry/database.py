@@ -15,18 +15,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, make_url, text
-from sqlalchemy.exc import ArgumentError
+from sqlalchemy import URL, Connection, Engine, create_engine, event, exc, inspect, make_url, text
 from sqlalchemy.orm import Session
 
-from app.registry.errors import InvalidUrl
+from app.registry.errors import DatabaseUnavailable, InvalidUrl
 
 if TYPE_CHECKING:
     from alembic.config import Config
 
 MIGRATIONS = Path(__file__).parents[2] / "migrations"
 
-NEWEST = "0001"
+NEWEST = "0002"
 """The newest revision in MIGRATIONS; a test holds it against alembic's head."""
 
 BUSY_S = 30.0
@@ -71,15 +70,19 @@ class Database:
     def transaction(self) -> Iterator[Session]:
         """Give a session to write with: committed at the end, rolled back if the block raises.
 
-        Transactions do not nest: RuntimeError.
+        Transactions do not nest: RuntimeError. Raises DatabaseUnavailable; where that comes of the commit,
+        nobody knows whether it took place.
         """
-        with self._turn.taken(self.embedded), Session(self.engine) as tx, tx.begin():
+        with _available(), self._turn.taken(self.embedded), Session(self.engine) as tx, tx.begin():
             yield tx
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
-        """Give a session that sees one state of the database; to write with it is an error."""
-        with Session(self._reading) as tx, tx.begin():
+        """Give a session that sees one state of the database; to write with it is an error.
+
+        Raises DatabaseUnavailable.
+        """
+        with _available(), Session(self._reading) as tx, tx.begin():
             yield tx
 
     def migrate(self) -> None:
@@ -93,7 +96,7 @@ class Database:
                 command.upgrade(migration_config(connection), "head")
 
     def ping(self) -> None:
-        """Raise if the database does not answer, or has no tables."""
+        """Raise DatabaseUnavailable if the database does not answer, or ProgrammingError without tables."""
         with self.reading() as tx:
             tx.execute(text("SELECT count(*) FROM alembic_version"))
 
@@ -141,6 +144,17 @@ class _Turn:
                 self._lock.release()
 
 
+@contextmanager
+def _available() -> Iterator[None]:
+    """Say in the registry's words that the database cannot be used; no message holds its address."""
+    try:
+        yield
+    except (exc.OperationalError, exc.InterfaceError) as error:
+        raise DatabaseUnavailable(str(error.orig)) from error
+    except exc.TimeoutError as error:
+        raise DatabaseUnavailable("all connections are taken") from error
+
+
 def migration_config(connection: Connection) -> Config:
     """Return the alembic configuration that works on this connection."""
     from alembic.config import Config  # noqa: PLC0415 (see ``migrate``)
@@ -163,7 +177,7 @@ def _checked(url: str) -> URL:
     """Return the URL with its driver. The message never holds the URL: it may hold a password."""
     try:
         parsed = make_url(url)
-    except ArgumentError:
+    except exc.ArgumentError:
         raise InvalidUrl("the database needs sqlite:///PATH or postgresql://USER@HOST/NAME") from None
     if parsed.drivername == "sqlite" and parsed.database and parsed.database != ":memory:":
         return parsed

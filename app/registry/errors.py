@@ -11,6 +11,9 @@
     ├── KeyReused           an idempotency key that came with another request before
     ├── OutOfOrder          frames or events that do not go on where a session's durable ones end
     ├── InvalidUrl          a database or store that Gesta cannot open
+    ├── Unavailable         it cannot be reached, or takes nothing, at the moment: try again
+    │   ├── DatabaseUnavailable
+    │   └── StoreUnavailable
     ├── ArtifactMissing     nothing in the store has this digest
     ├── ArtifactAltered     what the store holds is not what was put there
     └── ArtifactInvalid     bytes that are no artifact; names the field
@@ -87,6 +90,26 @@ class OutOfOrder(RegistryError):
 
 class InvalidUrl(RegistryError):
     """A database or a store that Gesta cannot open."""
+
+
+class Unavailable(RegistryError):
+    """What is kept cannot be reached, or takes nothing, at the moment."""
+
+
+class DatabaseUnavailable(Unavailable):
+    """The database does not answer, or takes nothing."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__("the database cannot be used at the moment")
+
+
+class StoreUnavailable(Unavailable):
+    """The store does not answer, or takes nothing."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__("the store cannot be used at the moment")
 
 
 class ArtifactMissing(RegistryError):

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from app.registry.errors import AlreadyExists, InvalidName, NotFound, PreconditionFailed
 from app.registry.paging import page_of
 from app.registry.records import ModelChanges, ModelRecord, Page
-from app.registry.tables import models, now
+from app.registry.tables import models, now, version_numbers
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
@@ -36,7 +36,10 @@ def create(
     description: str | None = None,
     features: Mapping[str, Any] | None = None,
 ) -> ModelRecord:
-    """Create a model without versions; table height [m]. Raises AlreadyExists, InvalidName."""
+    """Create a model without versions; table height [m]. Raises AlreadyExists, InvalidName.
+
+    Its versions are counted on from those of a deleted model of the same name.
+    """
     check_name("model", name)
     at = now()
     row = {
@@ -46,7 +49,6 @@ def create(
         "description": description,
         "features": dict(features or {}),
         "revision": uuid4().hex,
-        "last_version": 0,
         "created_at": at,
         "updated_at": at,
     }
@@ -55,6 +57,8 @@ def create(
             tx.execute(sa.insert(models).values(row))
     except IntegrityError:
         raise AlreadyExists("model", name) from None
+    if tx.scalar(sa.select(version_numbers.c.last).where(version_numbers.c.model == name)) is None:
+        tx.execute(sa.insert(version_numbers).values(model=name, last=0))
     return get(tx, name)
 
 
@@ -79,7 +83,8 @@ def update(tx: Session, name: str, changes: ModelChanges, *, if_match: str | Non
 def delete(tx: Session, name: str, *, if_match: str | None = None) -> None:
     """Delete a model with its demonstrations, versions, aliases and their history.
 
-    Jobs and sessions stay: they tell what was done. Raises NotFound, PreconditionFailed.
+    Jobs and sessions stay: they tell what was done; no number of a version comes back. Raises NotFound,
+    PreconditionFailed.
     """
     _check_match(lock(tx, name), if_match)
     tx.execute(sa.delete(models).where(models.c.name == name))

@@ -81,7 +81,7 @@ Json = JSON(none_as_null=True)
 Counting = BigInteger().with_variant(Integer, "sqlite")
 """A key that counts up by itself: rows in order of arrival."""
 
-models = Table(  # last_version: the number given out last, which never goes back
+models = Table(
     "models",
     metadata,
     Column("name", Words, primary_key=True),
@@ -90,9 +90,15 @@ models = Table(  # last_version: the number given out last, which never goes bac
     Column("description", Words),
     Column("features", Json, nullable=False),
     Column("revision", Words, nullable=False),
-    Column("last_version", Integer, nullable=False),
     Column("created_at", Instant, nullable=False),
     Column("updated_at", Instant, nullable=False),
+)
+
+version_numbers = Table(  # last: given out last to a model of this name, also to one that was deleted
+    "version_numbers",
+    metadata,
+    Column("model", Words, primary_key=True),
+    Column("last", Integer, nullable=False),
 )
 
 demonstrations = Table(
@@ -158,7 +164,7 @@ alias_changes = Table(
     Index(None, "model", "alias", "position"),
 )
 
-jobs = Table(
+jobs = Table(  # attempt: counts who has taken it on, worker: who did so last
     "jobs",
     metadata,
     Column("position", Counting, primary_key=True, autoincrement=True),
@@ -173,6 +179,8 @@ jobs = Table(
     Column("result", Json),
     Column("error", Json),
     Column("cancel_requested", Boolean, nullable=False),
+    Column("attempt", Integer, nullable=False, server_default="0"),
+    Column("worker", Words),
     Column("scope", Words, nullable=False),
     Column("idempotency_key", Words),
     Column("created_at", Instant, nullable=False),
@@ -183,7 +191,15 @@ jobs = Table(
     Index(None, "model", "position"),
 )
 
-sessions = Table(
+workers = Table(  # beats: counts up for as long as the worker lives
+    "workers",
+    metadata,
+    Column("id", Words, primary_key=True),
+    Column("beats", BigInteger, nullable=False),
+    Column("started_at", Instant, nullable=False),
+)
+
+sessions = Table(  # epoch: counts the processes that have taken it on; the last of them alone may write
     "sessions",
     metadata,
     Column("position", Counting, primary_key=True, autoincrement=True),
@@ -191,6 +207,8 @@ sessions = Table(
     Column("name", Words),
     Column("model", Words, nullable=False),
     Column("version", Integer, nullable=False),
+    Column("artifact_digest", Words),
+    Column("epoch", BigInteger, nullable=False, server_default="0"),
     Column("token_hash", Words, nullable=False),
     Column("state", Words, nullable=False),
     Column("geometry", Json, nullable=False),
@@ -205,6 +223,16 @@ sessions = Table(
     CheckConstraint("state IN ('active', 'ended', 'expired')", name="state"),
     Index(None, "state", "position"),
     Index(None, "name", "position"),
+)
+
+session_checkpoints = Table(  # state: of its recogniser after so many frames and events
+    "session_checkpoints",
+    metadata,
+    Column("session_id", ForeignKey("sessions.id", ondelete="CASCADE"), primary_key=True),
+    Column("n_frames", BigInteger, nullable=False),
+    Column("n_events", BigInteger, nullable=False),
+    Column("n_segments", BigInteger, nullable=False),
+    Column("state", LargeBinary, nullable=False),
 )
 
 session_frames = Table(

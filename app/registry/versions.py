@@ -1,4 +1,7 @@
-"""Versions: immutable, numbered 1, 2, 3… within their model; no number is ever given out twice."""
+"""Versions: immutable, numbered 1, 2, 3… within their model.
+
+No number is ever given out twice, not even where a model was deleted and another takes its name.
+"""
 
 from __future__ import annotations
 
@@ -109,9 +112,9 @@ def _made_by(tx: Session, model: str, job_id: str) -> VersionRecord | None:
 
 
 def _next_number(tx: Session, model: str) -> int:
-    counter = tables.models.c.last_version
-    count_up = sa.update(tables.models).where(tables.models.c.name == model).values(last_version=counter + 1)
-    return int(tx.execute(count_up.returning(counter)).scalar_one())
+    numbers = tables.version_numbers
+    count_up = sa.update(numbers).where(numbers.c.model == model).values(last=numbers.c.last + 1)
+    return int(tx.execute(count_up.returning(numbers.c.last)).scalar_one())
 
 
 def _with_aliases(tx: Session, model: str, records: Iterable[VersionRecord]) -> tuple[VersionRecord, ...]:

@@ -7,12 +7,15 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
+import pytest
 from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import inspect
+from sqlalchemy import inspect, text
+from sqlalchemy.exc import IntegrityError
 
+from app.registry import aliases, models, versions
 from app.registry.database import NEWEST, Database, migration_config
 from app.registry.tables import metadata
 
@@ -75,3 +78,69 @@ def test_processes_may_migrate_at_once(database_url: str) -> None:
     database = Database(database_url)
     assert set(metadata.tables) < table_names(database)
     database.close()
+
+
+def test_what_the_first_revision_holds_is_there_after_the_newest(database_url: str) -> None:
+    database = Database(database_url)
+    if database.embedded:
+        database.migrate()
+    with database.engine.begin() as connection:
+        config = migration_config(connection)
+        command.upgrade(config, "head")
+        command.downgrade(config, "0001")
+        connection.execute(
+            text(
+                "INSERT INTO models (name, objects, table_height_m, features, revision, last_version,"
+                " created_at, updated_at) VALUES ('old', '[]', 0, '{}', 'r', 3, '2026-01-01', '2026-01-01')"
+            )
+        )
+    database.migrate()
+    with database.transaction() as tx:
+        assert models.get(tx, "old").objects == ()
+        made = versions.register(
+            tx,
+            "old",
+            artifact_digest="sha256:0",
+            actions=["grasp"],
+            options={},
+            demonstrations=[],
+            library_versions={},
+        )
+        assert made.number == 4
+    database.close()
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE version_numbers SET last = 0",
+        "DELETE FROM version_numbers",
+        "UPDATE versions SET artifact_digest = 'sha256:1'",
+        "INSERT INTO versions SELECT model, 7, artifact_digest, actions, options, seed, demonstrations, base,"
+        " library_versions, evaluation, 'another', created_at FROM versions",
+        "UPDATE aliases SET version = 2",
+        "DELETE FROM versions",
+    ],
+)
+def test_the_database_itself_keeps_versions_numbers_and_aliases(database: Database, statement: str) -> None:
+    with database.transaction() as tx:
+        models.create(tx, name="m", objects=[])
+        versions.register(
+            tx, "m", artifact_digest="d", actions=[], options={}, demonstrations=[], library_versions={}
+        )
+        aliases.put(tx, "m", "production", 1)
+    with pytest.raises(IntegrityError), database.transaction() as tx:
+        tx.execute(text(statement))
+
+
+def test_numbers_go_on_where_a_deleted_model_ended(database: Database) -> None:
+    def train() -> int:
+        models.create(tx, name="m", objects=[])
+        return versions.register(
+            tx, "m", artifact_digest="d", actions=[], options={}, demonstrations=[], library_versions={}
+        ).number
+
+    with database.transaction() as tx:
+        assert train() == 1
+        models.delete(tx, "m")
+        assert train() == 2
