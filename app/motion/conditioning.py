@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from app.motion.model import FeatureSpecification
 from app.motion.resampling import Grid
+from app.motion.state import State
 from app.motion.trajectory import Floats
 
 HALF_MEDIAN, HALF_MEAN, HALF_SLOPE = 2, 2, 4
@@ -232,6 +233,15 @@ class Conditioner:
     def ahead(self) -> Conditioned:
         """Return the points that are not ready, conditioned with what is known so far."""
         return self._part(self._ready, len(self._grid.times))
+
+    def state(self) -> State:
+        """Return what the points before have left behind."""
+        return {"ready": np.array(self._ready), **self._grid._asdict()}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self._ready = int(state["ready"])
+        self._grid = Grid(*(state[name] for name in Grid._fields))
 
     def _take(self, stop: int) -> Conditioned:
         start, self._ready = self._ready, stop

@@ -26,6 +26,7 @@ from app.motion.model import Model
 from app.motion.places import Places
 from app.motion.scoring import MOST_FRAMES
 from app.motion.search import SPACING, Found, bounds_of
+from app.motion.state import State, gathered, scatter
 from app.motion.trajectory import Floats, Indices
 
 FINENESS = 50
@@ -183,6 +184,17 @@ class Decoder:
                     found.append(begun)
                     best = max(best, begun.value)
         return sorted(found, key=lambda each: -each.value)
+
+    def state(self) -> State:
+        """Return what the points before have left behind."""
+        counts = {"n_points": np.array(self._n_points), "is_open": np.array(self._is_open)}
+        return counts | {"pending": self._pending} | gathered(places=self._places)
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self._n_points, self._is_open = int(state["n_points"]), bool(state["is_open"])
+        self._pending = state["pending"]
+        scatter(state, places=self._places)
 
     def _advance(self, work: int | None) -> list[Found]:
         """Look at places whose points are there, until the work is done."""

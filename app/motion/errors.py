@@ -9,7 +9,8 @@
     ├── UnusableDemonstration a demonstration from which nothing can be learned; names it
     ├── FitFailed             training gave no usable action model
     ├── UnknownAction         an action class that the model does not have
-    └── InvalidRequest        a generation that cannot be asked for
+    ├── InvalidRequest        a generation that cannot be asked for
+    └── InvalidState          a state that a recogniser cannot go on from
 """
 
 from __future__ import annotations
@@ -82,3 +83,10 @@ class InvalidRequest(MotionError):
     def __init__(self, field: str, detail: str) -> None:
         self.field = field
         super().__init__(f"{field}: {detail}")
+
+
+class InvalidState(MotionError):
+    """A state that a recogniser cannot go on from: its frames have to be seen again."""
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(f"the state {detail}")

@@ -10,10 +10,13 @@ import numpy as np
 from numba import njit
 
 from app.motion.search import Found
+from app.motion.state import State
 from app.motion.trajectory import Floats, Indices
 
 RESTED, MOVED = 0, 1
 """How a place is reached: by rest, or by an action."""
+
+_ARRAYS = ("points", "values", "own", "origin", "before", "end")
 
 
 class Places:
@@ -102,6 +105,22 @@ class Places:
         for place in range(end + 1, self._n):
             self._reach(place)
 
+    def state(self) -> State:
+        """Return what is known of the places."""
+        arrays = zip(_ARRAYS, self._arrays(), strict=True)
+        return {"boundary": np.array(self._boundary)} | {
+            name: array[..., : self._n].copy() for name, array in arrays
+        }
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self._boundary, self._n = int(state["boundary"]), len(state["points"])
+        for name, array in zip(_ARRAYS, self._arrays(), strict=True):
+            array[..., : self._n] = state[name]
+
+    def _arrays(self) -> tuple[Floats | Indices, ...]:
+        return self._all_points, self._values, self._own, self._origin, self._before, self._end
+
     @property
     def is_full(self) -> bool:
         """Whether no place can be added."""
@@ -111,7 +130,7 @@ class Places:
         """Forget the places before the last final boundary, and those before a point."""
         drop = max(self._boundary, int(np.searchsorted(self.points, point)))
         kept = self._n - drop
-        for array in (self._all_points, self._values, self._own, self._origin, self._before, self._end):
+        for array in self._arrays():
             array[..., :kept] = array[..., drop : self._n].copy()
         self._origin[:kept] -= drop
         self._end[:, :kept] -= drop

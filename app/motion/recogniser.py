@@ -21,6 +21,7 @@ from app.motion.resampling import Period, Resampler, stack
 from app.motion.rest import movement
 from app.motion.roles import fillings
 from app.motion.search import Found, Search, bounds_of
+from app.motion.state import State, Stateful, check_format, gathered, marked, scatter
 from app.motion.trajectory import Flags, Floats, Scene, Trajectory
 from app.motion.window import Gap, Gaps, Window
 
@@ -89,6 +90,7 @@ class Recogniser:
         self._period = Period(rate)
         self._gaps = Gaps()
         self._n_frames, self._time = 0, -np.inf
+        self._last: Boundary | None = None
         self._begin(0)
 
     def push(self, frames: Trajectory) -> list[Event]:
@@ -138,6 +140,39 @@ class Recogniser:
             goals=likely_goals(belief, self._candidates(through)),
         )
 
+    def state(self) -> State:
+        """Return what the frames before have left behind, for ``restore``; ``viterbi`` only."""
+        last = [] if self._last is None else [self._last]
+        own: State = {
+            "n_frames": np.array(self._n_frames),
+            "time": np.array(self._time),
+            "last": np.array(last, dtype=np.float64),
+        }
+        return marked(own | gathered(**self._parts()))
+
+    def restore(self, state: State) -> None:
+        """Go on bit for bit where a recogniser of the same stream was when it gave its ``state``.
+
+        Raises InvalidState, KeyError or ValueError for one that does not fit; this one is of no use then.
+        """
+        check_format(state)
+        self._n_frames, self._time = int(state["n_frames"]), float(state["time"])
+        last = [Boundary(int(point), int(frame), time) for point, frame, time in state["last"].tolist()]
+        self._last = last[0] if last else None
+        scatter(state, **self._parts())
+
+    def _parts(self) -> dict[str, Stateful]:
+        if not isinstance(self._search, Decoder):
+            raise TypeError("the state of Steps 1-3 and greedy cannot be kept")
+        return {
+            "window": self._window,
+            "period": self._period,
+            "gaps": self._gaps,
+            "resampler": self._resampler,
+            "conditioner": self._conditioner,
+            "search": self._search,
+        }
+
     def _candidates(self, through: int) -> dict[str, Floats]:
         """Return where a movement may go: the objects that are seen, and the goals that were named."""
         seen = zip(self._objects, self._window.objects(through), strict=True)
@@ -152,7 +187,7 @@ class Recogniser:
 
     def _begin(self, origin: int) -> None:
         """Start afresh: nothing that lies before has to do with what comes."""
-        self._last: Boundary | None = None
+        self._last = None
         self._resampler = Resampler(self._model.features.rate)
         self._conditioner = Conditioner(self._model.features, 1 + len(self._objects))
         self._search: Decoder | Search

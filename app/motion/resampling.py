@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from app.motion.errors import InvalidTrajectory
+from app.motion.state import State
 from app.motion.trajectory import Flags, Floats, Trajectory
 
 MAX_PERIODS = 3.0
@@ -63,6 +64,16 @@ class Period:
             gaps[done:] = intervals[done:] > MAX_PERIODS * self._declared * (1.0 + _SAME)
         return gaps
 
+    def state(self) -> State:
+        """Return what the intervals before have left behind."""
+        known = [] if self._declared is None else [self._declared]
+        return {"known": np.array(known), "intervals": np.array(self._intervals)}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self._declared = next(iter(state["known"].tolist()), None)
+        self._intervals = state["intervals"].tolist()
+
 
 class Resampler:
     """Resamples a stream to ``rate`` [Hz], chunk by chunk."""
@@ -96,6 +107,17 @@ class Resampler:
         self._frame = first_frame + len(times) - 1
         self._emitted += len(grid[0])
         return Grid(*grid)
+
+    def state(self) -> State:
+        """Return what the frames before have left behind."""
+        counts = np.array([self._emitted, self._frame])
+        return {"clock": np.array([self._begin, self._time]), "counts": counts, "position": self._position}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self._begin, self._time = state["clock"].tolist()
+        self._emitted, self._frame = state["counts"].tolist()
+        self._position = state["position"]
 
 
 Before = tuple[float, Floats, int]

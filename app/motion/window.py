@@ -13,6 +13,7 @@ from app.motion.criterion import Criterion, Scores
 from app.motion.features import BLEND
 from app.motion.foresight import Foresight, Outlook
 from app.motion.model import Model
+from app.motion.state import State
 from app.motion.trajectory import Flags, Floats, Indices, Scene
 
 TURN, TURN_SHARE = 0.1, 0.2
@@ -124,6 +125,27 @@ class Window:
         place = point - self._begin
         return int(self._frames[place]), float(self._times[place])
 
+    def state(self) -> State:
+        """Return the points that are remembered."""
+        n_kept = self.n_points - self._begin
+        tracks = self._tracks.part(0, n_kept)._asdict()
+        return {
+            "points": np.array([self._begin, self.n_points]),
+            "frames": self._frames[:n_kept].copy(),
+            "times": self._times[:n_kept].copy(),
+            "bounds": self._bounds[: n_kept + 1].copy(),
+            **{name: track.copy() for name, track in tracks.items()},
+        }
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self._begin, self.n_points = state["points"].tolist()
+        n_kept = self.n_points - self._begin
+        self._frames[:n_kept], self._times[:n_kept] = state["frames"], state["times"]
+        self._bounds[: n_kept + 1] = state["bounds"]
+        for name, track in self._tracks.part(0, n_kept)._asdict().items():
+            track[:] = state[name]
+
     def _write(self, ready: Conditioned, part: slice) -> None:
         """Write some points behind those that are there."""
         first = self.n_points - self._begin
@@ -182,6 +204,17 @@ class Gaps:
                 gaps.append(Gap(frame, frame, time - self._time))
             self._time = time
         return gaps
+
+    def state(self) -> State:
+        """Return what the frames before have left behind."""
+        missing = [] if self._missing_since is None else [self._missing_since]
+        return {"time": np.array(self._time), "missing": np.array(missing, dtype=np.float64)}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self._time = float(state["time"])
+        missing = [(int(frame), time) for frame, time in state["missing"].tolist()]
+        self._missing_since = missing[0] if missing else None
 
     def finish(self, n_frames: int) -> list[Gap]:
         """Return the gap that the stream ends in."""
