@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Header
 from pydantic import ConfigDict
 from pydantic.config import JsonDict
 from starlette.responses import JSONResponse
@@ -95,37 +95,69 @@ class EvaluationTold(MeasuresTold):
 
 
 QUEUED: dict[int | str, dict[str, Any]] = {
-    202: {"model": JobTold, "description": "A long recording: a job, whose `result` is the answer."}
+    202: {
+        "model": JobTold,
+        "description": "A long recording, or `Prefer: respond-async`: a job, whose `result` is the answer.",
+    }
 }
+RESPOND_ASYNC = "respond-async"
+
+Prefer = Annotated[
+    list[str] | None,
+    Header(description=f"`{RESPOND_ASYNC}`: a job, however short the recording is (RFC 7240)."),
+]
+IdempotencyKey = Annotated[str | None, Header(max_length=200, description="The same key gives the same job.")]
 
 
 @router.post(
     "/segmentations",
     summary="Find the actions in a recording",
     response_model=SegmentsTold,
-    responses=QUEUED | refusals(400, 404, 413, 503),
+    responses=QUEUED | refusals(400, 404, 409, 413, 503),
 )
-def segmentation(model: str, ref: str, body: Segmentation, lab: LabOf) -> JSONResponse:
+def segmentation(
+    model: str,
+    ref: str,
+    body: Segmentation,
+    lab: LabOf,
+    prefer: Prefer = None,
+    idempotency_key: IdempotencyKey = None,
+) -> JSONResponse:
     """What a stream of the same frames gives, bit for bit."""
     geometry, scene = body.ground()
     asked = recognition.ask_segmentation(lab, model, ref, body.trajectory.read(), geometry, scene)
-    return _answer(recognition.answer(lab, asked), SegmentsTold, geometry)
+    found = recognition.answer(lab, asked, later=_later(prefer), idempotency_key=idempotency_key)
+    return _answer(found, SegmentsTold, geometry)
 
 
 @router.post(
     "/evaluations",
     summary="Measure a version on a labelled recording",
     response_model=EvaluationTold,
-    responses=QUEUED | refusals(400, 404, 413, 503),
+    responses=QUEUED | refusals(400, 404, 409, 413, 503),
 )
-def evaluation(model: str, ref: str, body: Evaluation, lab: LabOf) -> JSONResponse:
+def evaluation(
+    model: str,
+    ref: str,
+    body: Evaluation,
+    lab: LabOf,
+    prefer: Prefer = None,
+    idempotency_key: IdempotencyKey = None,
+) -> JSONResponse:
     """Segments found against the labels: boundaries, segments, frames and classes."""
     geometry, scene = body.ground()
     recording = body.recording
     asked = recognition.ask_evaluation(
         lab, model, ref, recording.trajectory.read(), recording.labels(), geometry, scene
     )
-    return _answer(recognition.answer(lab, asked), EvaluationTold, geometry)
+    found = recognition.answer(lab, asked, later=_later(prefer), idempotency_key=idempotency_key)
+    return _answer(found, EvaluationTold, geometry)
+
+
+def _later(prefer: list[str] | None) -> bool:
+    """Whether ``respond-async`` is among the preferences; those that are unknown are to be ignored."""
+    preferences = ",".join(prefer or ()).split(",")
+    return RESPOND_ASYNC in {each.partition(";")[0].strip().lower() for each in preferences}
 
 
 def _answer(found: dict[str, Any] | JobRecord, kind: type[Answer], geometry: Geometry) -> JSONResponse:

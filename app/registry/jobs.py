@@ -2,10 +2,11 @@
 
 ::
 
-    queued ──▶ running ──▶ succeeded | failed | cancelled
+    queued ◀─▶ running ──▶ succeeded | failed | cancelled
        └─────────────────▶ cancelled
 
-The first end stands: whatever a late or repeated step says afterwards changes nothing.
+The first end stands: whatever a late or repeated step says afterwards changes nothing. Whoever takes a job on
+counts its attempt up, and from then on nobody may change it who took it on before.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.registry import tables
-from app.registry.errors import KeyReused, NotFound
+from app.registry.errors import JobTakenOver, KeyReused, NotFound
 from app.registry.paging import page_of
 from app.registry.records import JobRecord, JobState, Page
 
@@ -89,47 +90,69 @@ def page(
     return page_of(tx, query, table.c.position, _record, size=size, after=after, newest_first=True)
 
 
-def unfinished(tx: Session) -> tuple[JobRecord, ...]:
-    """Return the jobs that are queued or running, oldest first."""
-    return tuple(_record(row) for row in tx.execute(sa.select(table).where(_OPEN).order_by(table.c.position)))
+def unfinished(tx: Session, most: int) -> tuple[str, ...]:
+    """Return the ids of the oldest jobs that are queued or running, the oldest first."""
+    query = sa.select(table.c.id).where(_OPEN).order_by(table.c.position).limit(most)
+    return tuple(tx.scalars(query))
 
 
-def start(tx: Session, id_: str) -> JobRecord:
-    """Let a job run. Raises NotFound."""
-    return _change(tx, id_, state="running")
+def start(tx: Session, id_: str, worker: str) -> JobRecord:
+    """Take a job on; its ``attempt`` is what the worker shows from now on. Raises NotFound."""
+    return _change(tx, id_, _OPEN, state="running", attempt=table.c.attempt + 1, worker=worker)
 
 
-def progress(tx: Session, id_: str, done: int, total: int, message: str = "") -> JobRecord:
-    """Tell how far a job is. Raises NotFound."""
-    return _change(tx, id_, done=done, total=total, message=message)
+def lay_down(tx: Session, id_: str, attempt: int) -> JobRecord:
+    """Let a job that was taken on wait again, for another worker. Raises NotFound, JobTakenOver."""
+    return _go_on(tx, id_, attempt, state="queued", worker=None)
 
 
-def succeed(tx: Session, id_: str, result: Mapping[str, Any]) -> JobRecord:
-    """End a job with its result. Raises NotFound."""
-    return _change(tx, id_, state="succeeded", result=dict(result))
+def progress(tx: Session, id_: str, attempt: int, done: int, total: int, message: str = "") -> JobRecord:
+    """Tell how far a job is. Raises NotFound, JobTakenOver."""
+    return _go_on(tx, id_, attempt, done=done, total=total, message=message)
 
 
-def fail(tx: Session, id_: str, error: Mapping[str, Any]) -> JobRecord:
-    """End a job with a problem object. Raises NotFound."""
-    return _change(tx, id_, state="failed", error=dict(error))
+def succeed(tx: Session, id_: str, attempt: int, result: Mapping[str, Any]) -> JobRecord:
+    """End a job with its result. Raises NotFound, JobTakenOver."""
+    return _go_on(tx, id_, attempt, state="succeeded", result=dict(result))
 
 
-def cancel(tx: Session, id_: str) -> JobRecord:
-    """End a job as it was asked to. Raises NotFound."""
-    return _change(tx, id_, state="cancelled", cancel_requested=True)
+def fail(tx: Session, id_: str, attempt: int, error: Mapping[str, Any]) -> JobRecord:
+    """End a job with a problem object. Raises NotFound, JobTakenOver."""
+    return _go_on(tx, id_, attempt, state="failed", error=dict(error))
+
+
+def cancel(tx: Session, id_: str, attempt: int) -> JobRecord:
+    """End a job as it was asked to. Raises NotFound, JobTakenOver."""
+    return _go_on(tx, id_, attempt, state="cancelled", cancel_requested=True)
 
 
 def request_cancel(tx: Session, id_: str) -> JobRecord:
     """Ask a running job to end; a queued one ends at once. Raises NotFound."""
+    return _change(tx, id_, _OPEN, **_cancelling())
+
+
+def release(tx: Session, model: str) -> None:
+    """Ask all jobs of a model to end, and let go of its idempotency keys: the name begins anew."""
+    of_model = sa.update(table).where(table.c.model == model)
+    tx.execute(of_model.where(_OPEN).values(**_cancelling(), updated_at=tables.now()))
+    tx.execute(sa.update(table).where(table.c.scope == model).values(idempotency_key=None))
+
+
+def _cancelling() -> dict[str, Any]:
     queued = table.c.state == "queued"
-    state = sa.case((queued, "cancelled"), else_=table.c.state)
-    return _change(tx, id_, state=state, cancel_requested=True)
+    return {"state": sa.case((queued, "cancelled"), else_=table.c.state), "cancel_requested": True}
 
 
-def _change(tx: Session, id_: str, **values: Any) -> JobRecord:
-    """Change a job that is not finished."""
-    still_open = sa.update(table).where(table.c.id == id_, _OPEN)
-    tx.execute(still_open.values(**values, updated_at=tables.now()))
+def _go_on(tx: Session, id_: str, attempt: int, **values: Any) -> JobRecord:
+    """Change a job that is still that attempt's."""
+    job = _change(tx, id_, sa.and_(_OPEN, table.c.attempt == attempt), **values)
+    if job.attempt != attempt:
+        raise JobTakenOver(id_)
+    return job
+
+
+def _change(tx: Session, id_: str, where: sa.ColumnElement[bool], **values: Any) -> JobRecord:
+    tx.execute(sa.update(table).where(table.c.id == id_, where).values(**values, updated_at=tables.now()))
     return get(tx, id_)
 
 
@@ -155,6 +178,8 @@ def _record(row: sa.Row[Any]) -> JobRecord:
         result=row.result,
         error=row.error,
         cancel_requested=row.cancel_requested,
+        attempt=row.attempt,
+        worker=row.worker,
         created_at=row.created_at,
         updated_at=row.updated_at,
     )

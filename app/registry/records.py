@@ -131,7 +131,10 @@ class AliasChange:
 
 @dataclass(frozen=True)
 class JobRecord:
-    """Work that outlasts its request; ``done`` of ``total`` steps, ``error`` is a problem object."""
+    """Work that outlasts its request; ``done`` of ``total`` steps, ``error`` is a problem object.
+
+    attempt: counts who has taken it on; worker: the one who did so last, None once it was laid down.
+    """
 
     id: str
     kind: str
@@ -144,6 +147,8 @@ class JobRecord:
     result: Json | None
     error: Json | None
     cancel_requested: bool
+    attempt: int
+    worker: str | None
     created_at: datetime
     updated_at: datetime
 
@@ -155,7 +160,10 @@ class JobRecord:
 
 @dataclass(frozen=True)
 class SessionRecord:
-    """A recognition session; the counts are of what is durable, ``start`` is what its client asked for."""
+    """A recognition session; the counts are of what is durable, ``start`` is what its client asked for.
+
+    epoch: counts the processes that have taken it on; only the last of them may write to it.
+    """
 
     id: str
     name: str | None
@@ -172,6 +180,18 @@ class SessionRecord:
     frames_kept: bool
     created_at: datetime
     last_seen_at: datetime
+    artifact_digest: str | None
+    epoch: int
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """What a session's recogniser is in the midst of after so many frames, which gave so many events."""
+
+    n_frames: int
+    n_events: int
+    n_segments: int
+    state: bytes
 
 
 @dataclass(frozen=True)

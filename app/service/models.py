@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from app.motion.trajectory import Demonstration
-from app.registry import aliases, demonstrations, models
+from app.registry import aliases, demonstrations, jobs, models
 from app.registry.artifacts import load_demonstration
+from app.registry.holdings import demonstration_title
 from app.registry.records import (
     AliasChange,
     AliasRecord,
@@ -59,9 +60,13 @@ def update(lab: Lab, name: str, changes: ModelChanges, if_match: str | None) -> 
 
 
 def delete(lab: Lab, name: str, if_match: str | None) -> None:
-    """Delete a model with all that belongs to it. Raises NotFound, PreconditionFailed."""
+    """Delete a model with all that belongs to it; its jobs are cancelled, its idempotency keys forgotten.
+
+    Raises NotFound, PreconditionFailed.
+    """
     with lab.database.transaction() as tx:
         models.delete(tx, name, if_match=if_match)
+        jobs.release(tx, name)
 
 
 def demonstrations_of(
@@ -77,7 +82,7 @@ def demonstration(lab: Lab, model: str, id_: str) -> tuple[DemonstrationRecord, 
     """Return a demonstration with its trajectory. Raises NotFound, ArtifactMissing, ArtifactAltered."""
     with lab.database.reading() as tx:
         record = demonstrations.get(tx, model, id_)
-    return record, load_demonstration(lab.store.get(record.digest))
+    return record, load_demonstration(lab.store.get(record.digest, demonstration_title(model, id_)))
 
 
 def delete_demonstration(lab: Lab, model: str, id_: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from app.motion.errors import InvalidRequest
 from app.motion.evaluation import evaluate
@@ -18,7 +17,7 @@ from app.service import messages
 from app.service.errors import ContentRefused, Issue
 from app.service.geometry import Geometry
 from app.service.lab import Lab, Version
-from app.service.training import Progress
+from app.service.training import Json, Progress, Stage
 from app.service.uploads import SentSegment, SentTrajectory, read_recording, read_trajectory
 
 SEGMENTATION = "segmentation"
@@ -75,28 +74,43 @@ def ask_evaluation(
     return Asked(EVALUATION, model, version, recording)
 
 
-def answer(lab: Lab, asked: Asked) -> dict[str, Any] | JobRecord:
-    """Return the result, or for a long recording the job that will have it.
+def answer(
+    lab: Lab, asked: Asked, *, later: bool = False, idempotency_key: str | None = None
+) -> Json | JobRecord:
+    """Return the result, or the job that will have it: for a long recording, and where it may come ``later``.
 
-    Raises RoleMissing and ContentRefused where the objects cannot fill the roles.
+    idempotency_key: of the job. Raises RoleMissing and ContentRefused where the objects cannot fill the
+    roles, KeyReused, NotFound.
     """
-    if len(asked.recording.trajectory) < LONG:
-        return _recognise(asked, lambda *_: None)
-    asked.recogniser()
+    recogniser = asked.recogniser()
+    if len(asked.recording.trajectory) < LONG and not later:
+        return _recognise(asked, recogniser, lambda *_: None)
     request = {
         "version": asked.version.record.number,
         "recording": lab.store.put(dump_recording(asked.recording)),
     }
     with lab.database.transaction() as tx:
-        job, _ = jobs.create(tx, kind=asked.kind, request=request, model=asked.model)
+        models.lock(tx, asked.model)
+        job, _ = jobs.create(
+            tx,
+            kind=asked.kind,
+            request=request,
+            model=asked.model,
+            idempotency_key=idempotency_key,
+            scope=asked.model,
+        )
         return job
 
 
-def run_recognition(lab: Lab, job: JobRecord, progress: Progress) -> dict[str, Any]:
+def recognise(lab: Lab, job: JobRecord, _: Json, progress: Progress) -> Json:
     """Do the work of a job. Raises what the core, the registry and ``progress`` raise."""
     version = lab.version(str(job.model), str(job.request["version"]))
     recording = load_recording(lab.store.get(job.request["recording"]))
-    return _recognise(Asked(job.kind, str(job.model), version, recording), progress)
+    asked = Asked(job.kind, str(job.model), version, recording)
+    return _recognise(asked, asked.recogniser(), progress)
+
+
+STAGES: tuple[tuple[str, Stage], ...] = (("recognise", recognise),)
 
 
 def _scene(lab: Lab, model: str, scene: Scene | None) -> Scene:
@@ -106,8 +120,7 @@ def _scene(lab: Lab, model: str, scene: Scene | None) -> Scene:
         return Scene(models.get(tx, model).table_height_m)
 
 
-def _recognise(asked: Asked, progress: Progress) -> dict[str, Any]:
-    recogniser = asked.recogniser()
+def _recognise(asked: Asked, recogniser: Recogniser, progress: Progress) -> Json:
     trajectory, events = asked.recording.trajectory, list[Event]()
     for start in range(0, len(trajectory), PART):
         progress(start, len(trajectory), "recognising")
@@ -122,5 +135,5 @@ def _recognise(asked: Asked, progress: Progress) -> dict[str, Any]:
     segments = [
         messages.segment(event, number, asked.model, record.number) for number, event in enumerate(found)
     ]
-    told: dict[str, Any] = json.loads(messages.as_json({"segments": segments}))
+    told: Json = json.loads(messages.as_json({"segments": segments}))
     return told
