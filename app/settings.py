@@ -17,7 +17,10 @@ class Settings(BaseSettings):
     database_url: str = Field(
         "sqlite:///gesta.db", description="`sqlite:///PATH` or `postgresql://USER:PASSWORD@HOST/NAME`."
     )
-    store_url: str = Field("models_store", description="Directory of artifacts and demonstrations.")
+    store_url: str = Field(
+        "models_store",
+        description="Where artifacts and demonstrations are: a directory or `s3://BUCKET/PREFIX`.",
+    )
     host: str = Field("127.0.0.1", description="Address to listen on.")
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on; 0: any that is free.")
     job_worker: Literal["embedded", "none"] = Field(

@@ -13,6 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from uuid import uuid4
 
+import httpx
 import pytest
 from hypothesis import settings
 from sqlalchemy import create_engine, make_url, text
@@ -118,6 +119,32 @@ def database(database_url: str) -> Iterator[Database]:
 def store(tmp_path: Path) -> Store:
     """An empty store."""
     return Store(tmp_path / "store")
+
+
+@pytest.fixture(scope="session")
+def s3_endpoint() -> Iterator[str]:
+    """Address of an S3 server of this process, which the usual variables name to all."""
+    from moto.server import ThreadedMotoServer  # noqa: PLC0415 (most tests need none)
+
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    endpoint = "http://{}:{}".format(*server.get_host_and_port())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("AWS_ENDPOINT_URL", endpoint)
+        patch.setenv("AWS_ALLOW_HTTP", "true")
+        patch.setenv("AWS_REGION", "us-east-1")
+        patch.setenv("AWS_ACCESS_KEY_ID", "gesta")
+        patch.setenv("AWS_SECRET_ACCESS_KEY", "of-the-tests")
+        yield endpoint
+    server.stop()
+
+
+@pytest.fixture
+def s3_url(s3_endpoint: str) -> str:
+    """URL of an empty store in a bucket."""
+    bucket = f"gesta-{uuid4().hex}"
+    httpx.put(f"{s3_endpoint}/{bucket}").raise_for_status()
+    return f"s3://{bucket}/of/tests"
 
 
 @pytest.fixture(scope="session")

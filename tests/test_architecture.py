@@ -42,7 +42,7 @@ TABLE = {
         ("numpy", "scipy", "numba", "llvmlite", "hmmlearn", "sklearn"), must_not=(*CLOCK, *FILES, *WORLD)
     ),
     "app.formats": Room(("numpy",), VALUES),
-    "app.registry": Room(("sqlalchemy", "alembic", "numpy"), VALUES),
+    "app.registry": Room(("sqlalchemy", "alembic", "numpy", "obstore"), VALUES),
     "app.service": Room(("dbos", "numpy"), ("app.motion", "app.formats", "app.registry")),
     "app.api": Room(
         ("fastapi", "starlette", "pydantic", "uvicorn"),

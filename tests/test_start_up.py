@@ -76,7 +76,20 @@ def kernels(folder: Path) -> dict[str, int]:
 @pytest.mark.parametrize(
     ("imports", "foreign"),
     [
-        (SERVER, {"hmmlearn", "sklearn", "dbos", "httpx", "rich", "matplotlib", "app.demo", "scipy.stats"}),
+        (
+            SERVER,
+            {
+                "hmmlearn",
+                "sklearn",
+                "dbos",
+                "httpx",
+                "rich",
+                "matplotlib",
+                "obstore",
+                "app.demo",
+                "scipy.stats",
+            },
+        ),
         (WORKER, {"hmmlearn", "sklearn", "fastapi", "uvicorn", "pydantic_settings", "httpx", "app.demo"}),
     ],
 )

@@ -12,6 +12,7 @@ from app.registry import versions
 from app.registry.artifacts import load_model
 from app.registry.database import Database
 from app.registry.errors import NotFound
+from app.registry.holdings import version_title
 from app.registry.records import VersionRecord
 from app.registry.store import Store
 
@@ -47,15 +48,18 @@ class Lab:
         Raises NotFound, ArtifactMissing, ArtifactAltered, ArtifactInvalid.
         """
         record = self._record(model, ref)
-        return Version(record, self.load(record.artifact_digest))
+        return Version(record, self.load(record.artifact_digest, version_title(model, record.number)))
 
-    def load(self, digest: str) -> Model:
-        """Return the model of an artifact. Raises ArtifactMissing, ArtifactAltered, ArtifactInvalid."""
+    def load(self, digest: str, of: str = "") -> Model:
+        """Return the model of an artifact; of: what it is, for errors to name it.
+
+        Raises ArtifactMissing, ArtifactAltered, ArtifactInvalid.
+        """
         with self._lock:
             if digest in self._models:
                 self._models.move_to_end(digest)
                 return self._models[digest]
-        loaded = load_model(self.store.get(digest))
+        loaded = load_model(self.store.get(digest, of))
         with self._lock:
             self._models[digest] = loaded
             while len(self._models) > KEPT:

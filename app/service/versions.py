@@ -6,6 +6,7 @@ from app.motion.hypothesis import REST
 from app.registry import models, versions
 from app.registry.artifacts import load_model
 from app.registry.errors import ArtifactInvalid
+from app.registry.holdings import version_title
 from app.registry.records import Page, VersionRecord
 from app.service.lab import Lab
 from app.service.uploads import specification_of
@@ -27,7 +28,7 @@ def page(lab: Lab, model: str, *, size: int, after: str | None) -> Page[VersionR
 def export(lab: Lab, model: str, ref: str) -> tuple[VersionRecord, bytes]:
     """Return a version's artifact as it was stored. Raises NotFound, ArtifactMissing, ArtifactAltered."""
     record, _ = get(lab, model, ref)
-    return record, lab.store.get(record.artifact_digest)
+    return record, lab.store.get(record.artifact_digest, version_title(model, record.number))
 
 
 def take_in(lab: Lab, model: str, artifact: bytes) -> VersionRecord:

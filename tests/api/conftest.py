@@ -76,7 +76,7 @@ def working(server: Server) -> Iterator[subprocess.Popen[bytes]]:
     """Run a worker on the server's database and store."""
     settings = {
         "GESTA_DATABASE_URL": server.database.url.render_as_string(hide_password=False),
-        "GESTA_STORE_URL": str(server.store.root),
+        "GESTA_STORE_URL": server.store.url,
     }
     command = [sys.executable, "-m", "app.cli", "worker", "--parent", str(os.getpid())]
     with server.log.open("ab") as log:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -21,7 +22,7 @@ Change = Callable[[dict[str, Any]], None]
 
 
 def files(server: Server) -> int:
-    return sum(path.is_file() for path in server.store.root.rglob("*"))
+    return sum(path.is_file() for path in Path(server.store.url).rglob("*"))
 
 
 def ids(client: GestaClient, model: str) -> list[str]:

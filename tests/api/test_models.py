@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import httpx
 import pytest
@@ -138,14 +139,15 @@ def test_a_body_too_large_is_refused_declared_or_not(server: Server) -> None:
 
 def test_health_tells_what_is_wrong(server: Server) -> None:
     assert httpx.get(f"{server.url}/livez").json() == {"status": "ok"}
-    root, away = server.store.root, server.store.root.with_name("away")
+    root = Path(server.store.url)
+    away = root.with_name("away")
     assert httpx.get(f"{server.url}/readyz").status_code == 200
     root.rename(away)
     root.touch()
     try:
         answer = httpx.get(f"{server.url}/readyz")
         assert answer.status_code == 503
-        assert answer.json() == {"database": "ok", "store": "FileExistsError", "sessions": "ok"}
+        assert answer.json() == {"database": "ok", "store": "StoreUnavailable", "sessions": "ok"}
     finally:
         root.unlink()
         away.rename(root)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from pathlib import Path
 from subprocess import Popen
 from typing import Any
 
@@ -205,13 +206,13 @@ def test_an_altered_artifact_is_named_and_never_served(
 ) -> None:
     job = client.train(filled, options={"n_states": 3})
     digest = client.version(filled, client.result(job["id"])["version"])["digest"]
-    [path] = server.store.root.rglob(digest.removeprefix("sha256:")[2:])
+    [path] = Path(server.store.url).rglob(digest.removeprefix("sha256:")[2:])
     whole = path.read_bytes()
     path.write_bytes(whole.replace(b"grasp", b"grisp"))
-    with pytest.raises(ApiError, match=f"503 artifact_altered.*{digest}"):
+    with pytest.raises(ApiError, match=f"503 artifact_altered.*version 1 of model {filled!r}.*{digest}"):
         client.generate(filled, 1, "grasp", np.zeros(3), np.ones(3))
     path.unlink()
-    with pytest.raises(ApiError, match=f"503 artifact_missing.*{digest}"):
+    with pytest.raises(ApiError, match=f"503 artifact_missing.*version 1 of model {filled!r}.*{digest}"):
         client.generate(filled, 1, "grasp", np.zeros(3), np.ones(3))
     path.write_bytes(whole)
     assert client.generate(filled, 1, "grasp", np.zeros(3), np.ones(3))["version"] == 1
