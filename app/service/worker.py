@@ -44,6 +44,7 @@ def work(lab: Lab, stop: Callable[[], bool]) -> None:
         run = _launched(lab, worker, leaving, running)
         dispatcher = Dispatcher(lab, worker, run, running)
         threading.Thread(target=_dispatch, args=(dispatcher, leaving), name="dispatcher", daemon=True).start()
+        log.info("worker %s is at work", worker)
         try:
             while not stop():
                 time.sleep(POLL_S)

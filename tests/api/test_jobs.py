@@ -110,14 +110,23 @@ def test_a_worker_killed_in_mid_job_does_it_once_when_it_is_back(
     assert [(version["version"], version["job_id"]) for version in versions] == [(1, job["id"])]
 
 
-def test_a_model_deleted_under_its_training_fails_the_job(
-    client: GestaClient, server: Server, filled: str
+def test_a_model_is_deleted_with_its_jobs_and_its_keys(
+    client: GestaClient, server: Server, plenty: str, sent: list[Sent]
 ) -> None:
-    job = client.train(filled, options=SLOW)
-    client.request("DELETE", f"/models/{filled}")
-    with working(server), pytest.raises(JobFailed) as raised:
-        client.result(job["id"])
-    assert raised.value.job["error"] == {"code": "not_found", "detail": f"no model '{filled}'"}
+    running = client.train(plenty, idempotency_key="once")
+    with working(server):
+        events = client.events(f"/jobs/{running['id']}/events")
+        next(state for _, state in events if state["state"] == "running")
+        queued = client.train(plenty)
+        client.delete_model(plenty)
+        assert client.job(queued["id"])["state"] == "cancelled"
+        *_, (_, last) = events
+        assert last["state"] == "cancelled"
+        client.create_model(plenty, ["object"])
+        client.add_demonstrations(plenty, sent)
+        anew = client.train(plenty, idempotency_key="once", options=SLOW)
+        assert anew["id"] != running["id"]
+        assert client.result(anew["id"]) == {"model": plenty, "version": 1}
 
 
 @pytest.mark.parametrize("path", ["", "/events"])
