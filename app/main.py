@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from datetime import timedelta
 from typing import Any
 
 from fastapi import FastAPI
@@ -17,6 +18,7 @@ from app.api import (
     openapi,
     problems,
     recognition,
+    server,
     sessions,
     stream,
     trajectories,
@@ -35,7 +37,19 @@ def create_app(settings: Settings | None = None, limits: Limits | None = None) -
     """Return the server; settings: by default those of the environment; limits: of its streams."""
     chosen = settings or Settings()
     app = FastAPI(title="Gesta", lifespan=_lifespan(chosen, limits or Limits()), **openapi.DESCRIPTION)
-    for room in (models, demonstrations, versions, trajectories, recognition, jobs, sessions, stream, health):
+    rooms = (
+        models,
+        demonstrations,
+        versions,
+        trajectories,
+        recognition,
+        jobs,
+        sessions,
+        stream,
+        server,
+        health,
+    )
+    for room in rooms:
         app.include_router(room.router)
     problems.install(app)
     app.add_middleware(BodyLimit, most=chosen.max_body_bytes)
@@ -50,7 +64,7 @@ def _lifespan(
     async def lifespan(app: FastAPI) -> AsyncIterator[dict[str, Any]]:
         await asyncio.to_thread(warm_recognition)
         lab = await asyncio.to_thread(open_lab, settings.database_url, settings.store_url)
-        live = LiveSessions(SessionStore(lab), limits)
+        live = LiveSessions(SessionStore(lab, timedelta(seconds=limits.resume)), limits)
         app.state.lab, app.state.live = lab, live
         tidying = asyncio.create_task(keep_tidy(live, settings.session_retention))
         try:

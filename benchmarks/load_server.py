@@ -26,12 +26,13 @@ from app.main import create_app
 from app.motion.hypothesis import Expected, Hypothesis
 from app.motion.model import Model
 from app.motion.recogniser import Event
+from app.motion.state import State
 from app.motion.trajectory import Floats
 from app.registry import models, versions
 from app.registry.artifacts import dump_model
 from app.registry.database import Database
 from app.registry.store import Store
-from app.service import session_store
+from app.service import session_start
 
 NAME = "load"
 """Of the model that is streamed to."""
@@ -64,6 +65,10 @@ class Spin:
     def finish(self) -> list[Event]:
         """Return nothing."""
         return []
+
+    def state(self) -> State:
+        """Return nothing."""
+        return {}
 
     def hypothesis(self) -> Hypothesis:
         """Spend the time of a hypothesis."""
@@ -147,7 +152,7 @@ def main(descriptor: str, core: str, *cost: str) -> None:
     os.sched_setaffinity(0, {int(core)})
     if cost:
         Spin.cost = Cost(*map(float, cost))
-        vars(session_store)["Recogniser"] = Spin
+        vars(session_start)["Recogniser"] = Spin
     config = stream_config(create_app(), log_level="warning", access_log=False)
     StreamServer(config).run([socket.socket(fileno=int(descriptor))])
 

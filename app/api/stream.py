@@ -23,12 +23,13 @@ from starlette.websockets import WebSocketDisconnect
 from app.api.problems import problem
 from app.api.stream_closing import Closing, Idle, NotReading, TooBig, closing_of
 from app.api.stream_messages import Control, End, Flush, Ping, Start, read, read_start
+from app.registry.errors import Unavailable
 from app.service.frames import Frames, Layout
 from app.service.live import Attachment, LiveSessions
 from app.service.mark import Mark
 from app.service.messages import as_json
 from app.service.session import Session
-from app.service.session_errors import Restarting, SessionError
+from app.service.session_errors import Restarting, SessionError, SessionGone
 
 SUBPROTOCOL = "gesta.v1"
 QUEUE = 4
@@ -136,9 +137,12 @@ class _Door:
     async def _converse(self) -> None:
         start = read_start(await self._first())
         attachment, token = await self._attach(start)
+        connection = _Connection(self._wire, self._live, attachment, start)
         try:
-            await _Connection(self._wire, self._live, attachment, start).run(token)
-        except (SessionError, WebSocketDisconnect):
+            await connection.run(token)
+        except SessionGone:
+            await connection.tell_the_rest()
+        except (SessionError, WebSocketDisconnect, Unavailable):
             raise
         except Exception:
             self._live.abandon(attachment.session)
@@ -156,9 +160,8 @@ class _Door:
     async def _attach(self, start: Start) -> tuple[Attachment, str]:
         if start.resume is None:
             return await self._live.open(start.wish())
-        resume = start.resume
-        hold = await self._live.resume(resume.session_id, resume.token, resume.last_event, start.wish())
-        return hold, resume.token
+        ticket = start.ticket(start.resume)
+        return await self._live.resume(ticket), ticket.token
 
 
 class _Connection:
@@ -192,6 +195,11 @@ class _Connection:
             await asyncio.gather(reader, *tasks, return_exceptions=True)
         for task in done:
             task.result()
+
+    async def tell_the_rest(self) -> None:
+        """Tell the events of a session that was ended elsewhere, ``ended`` the last."""
+        async for stored in self._live.events(self._session.pinned.session_id, self._told.value - 1):
+            await self._wire.send(stored.text)
 
     async def _welcome(self, token: str) -> None:
         pinned, limits = self._session.pinned, self._live.limits

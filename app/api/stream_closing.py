@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from app.registry.errors import NotFound
+from app.registry.errors import NotFound, Unavailable
 from app.service import session_errors as refused
 from app.service.session_errors import Code, SessionError
 
@@ -66,6 +66,8 @@ def closing_of(error: Exception | None) -> Closing:
     if isinstance(error, NotFound):
         name: Code = "model_not_found" if error.kind == "model" else "version_not_found"
         return _closing(4404, name, str(error), None)
+    if isinstance(error, Unavailable):
+        return _closing(1013, "unavailable", f"{error}; come back in a moment", None)
     if isinstance(error, SessionError):
         code = next(code for kind, code in CODES if isinstance(error, kind))
         return _closing(code, error.code, error.detail, error.at_seq)

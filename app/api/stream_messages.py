@@ -11,7 +11,7 @@ from app.api.stream_server import NOT_UTF8
 from app.service.frames import Frames, Layout, from_binary, from_columns
 from app.service.geometry import Geometry
 from app.service.session_errors import MessageMalformed
-from app.service.session_store import Wish
+from app.service.session_start import Ticket, Wish
 
 FRAME_FIELDS = frozenset({"type", "first_seq", "t", "hand", "objects"})
 
@@ -82,6 +82,10 @@ class Start(_Message):
             name=self.name,
             encoding=self.encoding,
         )
+
+    def ticket(self, resume: Resume) -> Ticket:
+        """Return what a client comes back with."""
+        return Ticket(resume.session_id, resume.token, resume.last_event, self.wish())
 
 
 class Flush(_Message):

@@ -14,24 +14,35 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from app.motion.trajectory import Floats
+from app.registry.errors import Unavailable
 from app.registry.records import StoredEvent
+from app.service.checkpoints import Snapshot
 from app.service.session_errors import SessionError, WriteFailed
 
 PAUSE = 0.4
 """How long frames wait before they are written [s]."""
+PATIENCE, LAST_PATIENCE = 20.0, 5.0
+"""How long a database that is away is waited for [s], and how long by a process that is to stop."""
+AGAIN = 0.2
+"""Time between two attempts [s]."""
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Entry:
-    """What one session adds: rows of settled frames from ``first_seq`` on, events, and whether it ends."""
+    """What one session adds: rows of settled frames from ``first_seq`` on, events, and whether it ends.
+
+    epoch: that its process has taken it on with; snapshot: after all of this.
+    """
 
     session_id: str
+    epoch: int
     first_seq: int
     rows: tuple[Floats, ...] = ()
     events: tuple[StoredEvent, ...] = ()
     ended: bool = False
+    snapshot: Snapshot | None = None
 
 
 class Source(Protocol):
@@ -108,11 +119,21 @@ class Journal:
                 source.failed(error)
 
     async def _try(self, entries: Sequence[Entry]) -> SessionError | None:
-        try:
-            await asyncio.to_thread(self._write, entries)
-        except SessionError as error:
-            return error
-        except Exception:
-            log.exception("%d sessions could not be written together", len(entries))
-            return WriteFailed()
-        return None
+        """Write; where the database is away, again and again for ``PATIENCE``, while everybody waits."""
+        clock = asyncio.get_running_loop().time
+        deadline = clock() + (LAST_PATIENCE if self._closing else PATIENCE)
+        while True:
+            try:
+                await asyncio.to_thread(self._write, entries)
+            except SessionError as error:
+                return error
+            except Unavailable as error:
+                if clock() >= deadline:
+                    log.error("%d sessions could not be written: %s", len(entries), error)
+                    return WriteFailed()
+            except Exception:
+                log.exception("%d sessions could not be written together", len(entries))
+                return WriteFailed()
+            else:
+                return None
+            await asyncio.sleep(AGAIN)

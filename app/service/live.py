@@ -1,7 +1,8 @@
 """The sessions that live in this process: opened, attached to a connection, resumed, ended.
 
 At most one connection is attached to a session, the newest. A session without one waits ``Limits.resume``
-for the next and is ended then.
+for the next and is ended then. It may come back to any process: the one that it comes to takes the session
+on in the database, and the one that had it before lets it go, at its next write or within ``WATCH``.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ import hmac
 import logging
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
+from weakref import WeakValueDictionary
 
+from app.registry.errors import Unavailable
 from app.registry.records import SessionRecord, StoredEvent
 from app.service.journal import Journal
 from app.service.pulse import Pulse
@@ -23,16 +26,20 @@ from app.service.session_errors import (
     Restarting,
     SessionError,
     SessionGone,
-    StartRefused,
     TakenOver,
     TokenRefused,
     TooManySessions,
 )
-from app.service.session_store import SessionStore, Wish
+from app.service.session_restoring import Opened
+from app.service.session_start import Ticket, Wish, check_same
+from app.service.session_store import SessionStore
 from app.service.tokens import digest_of
 
 POLL = 0.5
 """How often a session of another process is looked at [s]."""
+
+WATCH = 1.0
+"""How often it is looked whether sessions are still ours [s]."""
 
 PATIENCE, BETWEEN = 20, 10
 """Beats of a process that is too late before a session has to leave, and between two of them."""
@@ -104,8 +111,11 @@ class LiveSessions:
         self._places: dict[str, _Place] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._strained, self._taken = 0, dict[str, int]()
+        self._given_up = set[str]()
+        self._turns: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         self.pulse = Pulse(self._shed)
         self._beating = asyncio.create_task(self.pulse.beat())
+        self._watching = asyncio.create_task(self._watch())
 
     async def open(self, wish: Wish) -> tuple[Attachment, str]:
         """Open a session; return the hold on it and its resume token.
@@ -115,42 +125,42 @@ class LiveSessions:
         """
         self._check_time()
         self._make_room()
-        opened = await asyncio.to_thread(self.store.open, wish)
-        session = Session(opened.pinned, opened.recogniser, self._journal, self.store.events)
-        place = _Place(session, digest_of(opened.token))
-        self._places[opened.pinned.session_id] = place
-        return self._attach(place), opened.token
+        opened, token = await asyncio.to_thread(self.store.open, wish)
+        return self._attach(self._settle(opened)), token
 
-    async def resume(self, session_id: str, token: str, last_event: int, wish: Wish) -> Attachment:
+    async def resume(self, ticket: Ticket) -> Attachment:
         """Attach a new connection to a session; the one before it is told that it was taken over.
 
-        last_event: the last that the client has. Raises SessionGone, TokenRefused, StartRefused if the wish
-        is not that of the session, Overloaded, Restarting.
+        Raises SessionGone, TokenRefused, StartRefused if the wish is not that of the session, Overloaded,
+        Restarting.
         """
         self._check_time()
-        place = self._places.get(session_id)
-        if place is None or place.session.failure is not None:
-            raise SessionGone(session_id)
-        if not hmac.compare_digest(place.token_digest, digest_of(token)):
-            raise TokenRefused
-        self._check_same(place.session, wish, last_event)
-        while place.attachment is not None:
-            former = place.attachment
-            former.revoke(TakenOver())
-            await former.left.wait()
-        if session_id not in self._places:
-            raise SessionGone(session_id)
-        return self._attach(place)
+        if ticket.session_id in self._given_up:
+            raise SessionGone(ticket.session_id)
+        async with self._turns.setdefault(ticket.session_id, asyncio.Lock()):
+            place = await self._ours(ticket.session_id)
+            if place is None:
+                self._make_room()
+                place = self._settle(await asyncio.to_thread(self.store.take_on, ticket))
+            elif not hmac.compare_digest(place.token_digest, digest_of(ticket.token)):
+                raise TokenRefused
+            else:
+                check_same(place.session.pinned, place.session.events.value, ticket)
+                await self._clear(place)
+            if self._places.get(ticket.session_id) is not place:
+                raise SessionGone(ticket.session_id)
+            return self._attach(place)
 
     def leave(self, attachment: Attachment) -> None:
         """Give the hold back; from now on the session waits to be resumed, unless it has failed."""
         attachment.left.set()
-        if attachment.session.failure is not None:
-            self.abandon(attachment.session)
         place = self._places.get(attachment.session.pinned.session_id)
         if place is None or place.attachment is not attachment:
             return
         place.attachment = None
+        if attachment.session.failure is not None:
+            self._drop(place)
+            return
         place.expiry = asyncio.get_running_loop().call_later(self.limits.resume, self._expire, place)
 
     def abandon(self, session: Session) -> None:
@@ -158,20 +168,20 @@ class LiveSessions:
         gone = SessionGone(session.pinned.session_id)
         if self._places.pop(gone.session_id, None) is not None:
             session.failed(gone)
-            self._start(asyncio.to_thread(self.store.end, gone.session_id))
+            self._given_up.add(gone.session_id)
+            self._start(self._give_up(gone.session_id))
 
     def get(self, session_id: str) -> Session | None:
-        """Return the session if it lives here."""
+        """Return the session if it lives here and has not failed."""
         place = self._places.get(session_id)
-        return place.session if place else None
+        return place.session if place is not None and place.session.failure is None else None
 
     async def end(self, session_id: str) -> SessionRecord:
         """End a session wherever it is; one that has ended stays so. Raises NotFound, WriteFailed."""
         if (session := self.get(session_id)) is not None:
-            with suppress(SessionGone):
+            with suppress(SessionGone, TakenOver):
                 await session.end()
-        else:
-            await asyncio.to_thread(self.store.end, session_id)
+        await asyncio.to_thread(self.store.end, session_id)
         return await asyncio.to_thread(self.store.get, session_id)
 
     async def events(self, session_id: str, after: int) -> AsyncIterator[StoredEvent]:
@@ -179,9 +189,11 @@ class LiveSessions:
         active = True
         while active:
             if (session := self.get(session_id)) is not None:
-                async for stored in session.events_after(after):
-                    yield stored
-                return
+                with suppress(SessionError):
+                    async for stored in session.events_after(after):
+                        yield stored
+                        after = stored.event
+                    return
             active = (await asyncio.to_thread(self.store.get, session_id)).state == "active"
             while found := await asyncio.to_thread(self.store.events, session_id, after):
                 for stored in found:
@@ -208,9 +220,67 @@ class LiveSessions:
         for place in self._places.values():
             if place.expiry is not None:
                 place.expiry.cancel()
-        self._beating.cancel()
-        await asyncio.gather(*self._tasks, self._beating, return_exceptions=True)
+        for task in (self._beating, self._watching):
+            task.cancel()
+        await asyncio.gather(*self._tasks, self._beating, self._watching, return_exceptions=True)
         await self._journal.close()
+
+    def _settle(self, opened: Opened) -> _Place:
+        """Let a session live here."""
+        session = Session(opened.pinned, opened.recogniser, self._journal, self.store.events, opened.standing)
+        place = _Place(session, opened.token_digest)
+        self._places[opened.pinned.session_id] = place
+        return place
+
+    async def _ours(self, session_id: str) -> _Place | None:
+        """Return the place of a session that lives here, and that no other process has taken on since."""
+        place = self._places.get(session_id)
+        if place is None:
+            return None
+        owners = await asyncio.to_thread(self.store.owners, [session_id])
+        if place.session.failure is None and owners[session_id][0] == place.session.epoch:
+            return place
+        place.session.failed(TakenOver())
+        await self._clear(place)
+        self._drop(place)
+        return None
+
+    async def _clear(self, place: _Place) -> None:
+        """Let the connection that holds a session leave, and those that hold it meanwhile."""
+        while place.attachment is not None:
+            former = place.attachment
+            former.revoke(TakenOver())
+            await former.left.wait()
+
+    async def _watch(self) -> None:
+        """Let go of sessions that other processes have taken on or ended."""
+        while True:
+            await asyncio.sleep(WATCH)
+            if not self._places:
+                continue
+            try:
+                owners = await asyncio.to_thread(self.store.owners, list(self._places))
+            except Unavailable:
+                continue
+            for id_, (epoch, state) in owners.items():
+                place = self._places.get(id_)
+                if place is not None and epoch > place.session.epoch:
+                    place.session.failed(TakenOver() if state == "active" else SessionGone(id_))
+                    if place.attachment is None:
+                        self._drop(place)
+
+    async def _give_up(self, session_id: str) -> None:
+        try:
+            await asyncio.to_thread(self.store.give_up, session_id)
+        finally:
+            self._given_up.discard(session_id)
+
+    def _drop(self, place: _Place) -> None:
+        """Forget a session; what is durable of it stays as it is."""
+        if place.expiry is not None:
+            place.expiry.cancel()
+        if self._places.get(place.session.pinned.session_id) is place:
+            del self._places[place.session.pinned.session_id]
 
     def _attach(self, place: _Place) -> Attachment:
         if place.expiry is not None:
@@ -257,9 +327,7 @@ class LiveSessions:
         self._expire(min(waiting, key=lambda pair: (not pair[0].session.ended, pair[1].when()))[0])
 
     def _expire(self, place: _Place) -> None:
-        if place.expiry is not None:
-            place.expiry.cancel()
-        self._places.pop(place.session.pinned.session_id, None)
+        self._drop(place)
         self._start(place.session.end())
 
     def _start(self, work: Coroutine[Any, Any, None]) -> None:
@@ -269,16 +337,6 @@ class LiveSessions:
 
     def _finished(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
-        if not task.cancelled() and (error := task.exception()) is not None:
+        error = None if task.cancelled() else task.exception()
+        if error is not None and not isinstance(error, SessionError):
             log.error("a session could not be ended", exc_info=error)
-
-    def _check_same(self, session: Session, wish: Wish, last_event: int) -> None:
-        pinned = session.pinned
-        layout = replace(wish.layout(pinned.roles), encoding=pinned.layout.encoding)
-        wanted = wish.model, layout, wish.scene or pinned.scene, wish.places(layout.objects)
-        if wanted != (pinned.model, pinned.layout, pinned.scene, pinned.goals):
-            detail = "model, geometry, rate_hz, objects, scene and goals must be those of the first start"
-            raise StartRefused("resume_mismatch", detail)
-        if last_event >= session.events.value:
-            detail = f"`last_event` {last_event} has not been: {session.events.value} events have"
-            raise StartRefused("resume_mismatch", detail)

@@ -12,21 +12,24 @@ import asyncio
 import math
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.motion.recogniser import Event, Recogniser, SegmentEvent
+from app.motion.recogniser import Recogniser
 from app.motion.trajectory import Floats, Scene
 from app.registry.records import StoredEvent
 from app.service import messages
+from app.service.checkpoints import Snapshot
+from app.service.decisions import Decisions
 from app.service.frames import Frames, Layout, settle
 from app.service.geometry import Goals
 from app.service.journal import Entry, Journal
 from app.service.mark import Mark
 from app.service.session_errors import FramesMissing, MessageMalformed, SessionError
 
+CHECKPOINT = 500
+"""Frames after which the state of the recogniser is written down, for another process to go on from."""
 BATCH = 16
 """Frames that are computed before other sessions have their turn."""
 UNWRITTEN = 20_000
@@ -54,6 +57,21 @@ class Pinned:
     warnings: tuple[tuple[str, str], ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """How far a session has come when it begins to live in this process.
+
+    epoch: that this process has taken it on with; newest: its last frame (1 + 3 n_tracks,), empty for none.
+    """
+
+    epoch: int = 0
+    n_frames: int = 0
+    n_events: int = 0
+    n_segments: int = 0
+    newest: Floats = field(default_factory=lambda: np.empty(0))
+    ended: bool = False
+
+
 class Session:
     """A live session; ``read_events(session_id, after)`` reads its durable events from the database."""
 
@@ -63,25 +81,27 @@ class Session:
         recogniser: Recogniser,
         journal: Journal,
         read_events: Callable[[str, int], Sequence[StoredEvent]],
+        standing: Standing = Standing(),
     ) -> None:
         self.pinned = pinned
-        self.taken = Mark(0)
+        self.epoch = standing.epoch
+        self.taken = Mark(standing.n_frames)
         self.moved = Mark(0)
-        self.frames_durable = Mark(0)
-        self.events = Mark(0)
-        self.ended = False
+        self.frames_durable = Mark(standing.n_frames)
+        self.events = Mark(standing.n_events)
+        self.ended = standing.ended
         self.failure: SessionError | None = None
         self._recogniser = recogniser
         self._journal = journal
         self._read_events = read_events
-        self._last_time = -math.inf
-        self._n_events = 0
-        self._n_segments = 0
+        self._last_time = float(standing.newest[0]) if len(standing.newest) else -math.inf
+        self._decisions = Decisions(pinned.model, pinned.version, standing.n_events, standing.n_segments)
         self._rows: list[Floats] = []
         self._fresh: list[StoredEvent] = []
-        self._collected = 0
+        self._collected = standing.n_frames
+        self._checkpointed = standing.n_frames
         self._recent: deque[StoredEvent] = deque(maxlen=RECENT)
-        self._newest = np.empty(0)
+        self._newest = standing.newest
 
     @property
     def next_seq(self) -> int:
@@ -119,10 +139,11 @@ class Session:
 
     async def saved(self) -> None:
         """Return once all that was taken in and decided is durable."""
-        if self.frames_durable.value < self.next_seq or self.events.value < self._n_events:
+        n_events = self._decisions.n_events
+        if self.frames_durable.value < self.next_seq or self.events.value < n_events:
             self._journal.note(self, urgent=True)
         await self.frames_durable.beyond(self.next_seq - 1)
-        await self.events.beyond(self._n_events - 1)
+        await self.events.beyond(n_events - 1)
 
     async def end(self, last_seq: int | None = None) -> None:
         """End the session: decide what is open; ``ended`` becomes its last event.
@@ -131,14 +152,14 @@ class Session:
         """
         if not self.ended:
             self._check_last(last_seq)
-            self._record(self._recogniser.finish())
-            self._add("ended", {"segments": self._n_segments, "frames": self.next_seq})
+            self._fresh += self._decisions.take(self._recogniser.finish())
+            self._fresh.append(self._decisions.end(self.next_seq))
             self.ended = True
         await self.saved()
 
     async def events_after(self, event: int) -> AsyncIterator[StoredEvent]:
         """Yield the durable events after ``event`` (-1: from the first), as they come, ``ended`` the last."""
-        while not self.ended or event < self._n_events - 1:
+        while not self.ended or event < self._decisions.n_events - 1:
             await self.events.beyond(event + 1)
             for stored in await self._stored_after(event):
                 yield stored
@@ -171,8 +192,19 @@ class Session:
 
     def collect(self) -> Entry:
         """Hand the journal what is not written yet."""
+        snapshot = None
+        if not self.ended and self.next_seq >= self._checkpointed + CHECKPOINT:
+            counts = self.next_seq, self._decisions.n_events, self._decisions.n_segments
+            snapshot = Snapshot(*counts, self._recogniser.state())
+            self._checkpointed = self.next_seq
         entry = Entry(
-            self.pinned.session_id, self._collected, tuple(self._rows), tuple(self._fresh), self.ended
+            session_id=self.pinned.session_id,
+            epoch=self.epoch,
+            first_seq=self._collected,
+            rows=tuple(self._rows),
+            events=tuple(self._fresh),
+            ended=self.ended,
+            snapshot=snapshot,
         )
         self._collected = self.next_seq
         self._rows, self._fresh = [], []
@@ -210,22 +242,8 @@ class Session:
         self._last_time = float(rows[-1, 0])
         self.taken.advance(self.next_seq + len(rows))
         self.moved.advance(self.moved.value + 1)
-        self._record(events)
+        self._fresh += self._decisions.take(events)
         self._journal.note(self, urgent=bool(events))
-
-    def _record(self, events: Sequence[Event]) -> None:
-        for event in events:
-            if isinstance(event, SegmentEvent):
-                pinned, number = self.pinned, self._n_segments
-                self._add("segment", messages.segment(event, number, pinned.model, pinned.version))
-                self._n_segments += 1
-            else:
-                self._add("gap", messages.gap(event))
-
-    def _add(self, kind: str, fields: dict[str, Any]) -> None:
-        text = messages.as_json({"type": kind, "event": self._n_events, **fields})
-        self._fresh.append(StoredEvent(self._n_events, kind, text))
-        self._n_events += 1
 
     async def _stored_after(self, event: int) -> Sequence[StoredEvent]:
         if self._recent and self._recent[0].event <= event + 1:

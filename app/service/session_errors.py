@@ -46,6 +46,7 @@ Code = Literal[
     "times_not_increasing",
     "token_refused",
     "too_big",
+    "unavailable",
     "unknown_type",
     "version_not_found",
     "version_unusable",

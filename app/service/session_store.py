@@ -1,168 +1,146 @@
-"""Sessions in the database, and what is asked of them when they start."""
+"""Sessions in the database: opened, written, taken on by another process, ended."""
 
 from __future__ import annotations
 
+import hmac
+import logging
 import secrets
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from datetime import datetime
-from typing import Any
+from datetime import datetime, timedelta
 from uuid import uuid4
 
 import numpy as np
 
-from app.motion.errors import InvalidRequest, RoleMissing
+from app.motion.errors import MotionError
 from app.motion.model import Model
-from app.motion.recogniser import Recogniser
-from app.motion.trajectory import FARTHEST_M, Scene
 from app.registry import models, sessions
-from app.registry.errors import ArtifactInvalid, OutOfOrder
+from app.registry.errors import ArtifactInvalid, NotFound, RegistryError, TakenOn
 from app.registry.records import SessionRecord, SessionState, StoredEvent
-from app.service.frames import Encoding, Layout
-from app.service.geometry import Geometry, Goals, to_metres
+from app.registry.tables import now
+from app.service.decisions import Decisions
 from app.service.journal import Entry
 from app.service.lab import Lab, Version
-from app.service.messages import as_json
-from app.service.session import Pinned
-from app.service.session_errors import SessionGone, StartRefused, WriteFailed
+from app.service.session import Standing
+from app.service.session_errors import SessionGone, StartRefused, TakenOver, TokenRefused
+from app.service.session_restoring import Opened, restored
+from app.service.session_start import (
+    Ticket,
+    Wish,
+    check_same,
+    pinned_before,
+    pinned_to,
+    recogniser_of,
+    start_of,
+)
 from app.service.tokens import digest_of
 
 MOST_EVENTS = 1000
 """Events read at once."""
 PAGE = 500
 """Sessions looked at at once."""
-ATTEMPTS = 5
-"""How often the end of a session is tried while another process adds to it."""
 
-
-@dataclass(frozen=True)
-class Wish:
-    """What a session is asked to be; None leaves it to the model.
-
-    table_height [m]; rate_hz [Hz]; goals: in the geometry's unit.
-    """
-
-    model: str
-    geometry: Geometry
-    version: str | None = None
-    rate_hz: float | None = None
-    objects: tuple[str, ...] | None = None
-    table_height: float | None = None
-    goals: Goals = field(default_factory=dict)
-    name: str | None = None
-    encoding: Encoding = "json"
-
-    def layout(self, roles: tuple[str, ...]) -> Layout:
-        """Return what a frame holds; roles: of the model. Raises StartRefused."""
-        objects = roles if self.objects is None else self.objects
-        if len(set(objects)) < len(objects) or not {"t", "hand"}.isdisjoint(objects):
-            detail = "objects need names of their own, other than `t` and `hand`"
-            raise StartRefused("objects_invalid", detail)
-        if self.encoding == "f32" and self.rate_hz is None:
-            raise StartRefused("f32_needs_rate", "f32 cannot carry times: give `rate_hz`, or use f64")
-        return Layout(objects, self.geometry, self.rate_hz, self.encoding)
-
-    def places(self, objects: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
-        """Return the goals in metres, Z up; objects: of the stream. Raises StartRefused."""
-        found = {}
-        if not self.goals.keys().isdisjoint(objects):
-            detail = "goals need names of their own, other than those of the objects, which are goals as well"
-            raise StartRefused("goals_invalid", detail)
-        for name, place in self.goals.items():
-            [metres] = to_metres(np.array([place]), self.geometry)
-            if (np.abs(metres) > FARTHEST_M).any():
-                detail = f"goal {name!r} lies over {FARTHEST_M:g} m away: a wrong length unit?"
-                raise StartRefused("wrong_unit", detail)
-            found[name] = tuple(metres.tolist())
-        return found
-
-    @property
-    def scene(self) -> Scene | None:
-        """What stands still, None: as the model says."""
-        return None if self.table_height is None else Scene(self.table_height)
-
-
-@dataclass(frozen=True)
-class Opened:
-    """A session just created: what it is pinned to, its recogniser, its resume token."""
-
-    pinned: Pinned
-    recogniser: Recogniser
-    token: str
+log = logging.getLogger(__name__)
 
 
 class SessionStore:
-    """Opens sessions and keeps them in the database; every method may wait for the disk."""
+    """Opens sessions, keeps them in the database, takes on those of other processes; all of it may wait.
 
-    def __init__(self, lab: Lab) -> None:
+    resume: how long after it was seen last a session can be resumed that has ended.
+    """
+
+    def __init__(self, lab: Lab, resume: timedelta = timedelta(minutes=10)) -> None:
         self._lab = lab
+        self._resume = resume
 
-    def open(self, wish: Wish) -> Opened:
-        """Create a session on the version it asks for. Raises NotFound, StartRefused."""
+    def open(self, wish: Wish) -> tuple[Opened, str]:
+        """Create a session on the version it asks for; return it and its resume token.
+
+        Raises NotFound, StartRefused.
+        """
         version = self._version(wish)
-        model, number = version.model, version.record.number
-        layout = wish.layout(model.features.objects)
-        goals = wish.places(layout.objects)
         with self._lab.database.reading() as tx:
-            scene = wish.scene or Scene(models.get(tx, wish.model).table_height_m)
-        recogniser = _recogniser(model, scene, layout, goals)
-        pinned = Pinned(
-            session_id=uuid4().hex,
-            model=wish.model,
-            version=number,
-            roles=model.features.objects,
-            actions=model.names,
-            layout=layout,
-            scene=scene,
-            goals=goals,
-            warnings=_warnings(wish, model),
-        )
-        token = secrets.token_urlsafe(24)
+            height = models.get(tx, wish.model).table_height_m
+        pinned = pinned_to(uuid4().hex, wish, version.model, version.record.number, height)
+        recogniser = recogniser_of(version.model, pinned)
+        token, layout = secrets.token_urlsafe(24), pinned.layout
         with self._lab.database.transaction() as tx:
             sessions.create(
                 tx,
                 id_=pinned.session_id,
                 model=wish.model,
-                version=number,
+                version=pinned.version,
                 token_hash=digest_of(token),
+                artifact_digest=version.record.artifact_digest,
                 geometry=vars(wish.geometry),
                 channels=("t", *layout.channels) if layout.rate_hz else layout.channels,
                 name=wish.name,
-                start=_start(wish, pinned),
+                start=start_of(wish, pinned),
             )
-        return Opened(pinned, recogniser, token)
+        return Opened(pinned, recogniser, digest_of(token), Standing()), token
+
+    def take_on(self, ticket: Ticket) -> Opened:
+        """Go on with a session that lived in another process, or lives there: it is ours from now on.
+
+        One that has ended stays as it is. Raises SessionGone, TokenRefused, StartRefused.
+        """
+
+        def check(record: SessionRecord) -> None:
+            if not hmac.compare_digest(record.token_hash, digest_of(ticket.token)):
+                raise TokenRefused
+            late = record.state == "ended" and now() - record.last_seen_at > self._resume
+            if record.state == "expired" or late:
+                raise SessionGone(record.id)
+            check_same(pinned_before(record, model), record.n_events, ticket)
+
+        try:
+            model = self._model(self.get(ticket.session_id))
+        except NotFound:
+            raise SessionGone(ticket.session_id) from None
+        return restored(self._lab, self._taken_on(ticket.session_id, check), model)
 
     def write(self, entries: Sequence[Entry]) -> None:
         """Make what sessions add durable, all of it or nothing.
 
-        Raises SessionGone for a session that was ended from outside meanwhile.
+        Raises TakenOver for a session that another process has taken on, SessionGone where it has ended.
         """
-        with self._lab.database.transaction() as tx:
-            try:
-                over = sessions.append_all(tx, [_addition(entry) for entry in entries])
-            except OutOfOrder as error:
-                raise SessionGone(error.session_id) from None
-            for entry in entries:
-                if entry.session_id in over and not entry.ended:
-                    raise SessionGone(entry.session_id)
+        try:
+            with self._lab.database.transaction() as tx:
+                sessions.append_all(tx, [_addition(entry) for entry in entries])
+        except TakenOn as error:
+            is_over = self.get(error.session_id).state != "active"
+            raise SessionGone(error.session_id) if is_over else TakenOver from error
 
     def get(self, session_id: str) -> SessionRecord:
         """Return what is durable of a session. Raises NotFound."""
         with self._lab.database.reading() as tx:
             return sessions.get(tx, session_id)
 
+    def owners(self, session_ids: Sequence[str]) -> Mapping[str, tuple[int, SessionState]]:
+        """Return the epochs and states of sessions."""
+        with self._lab.database.reading() as tx:
+            return sessions.owners(tx, session_ids)
+
     def events(self, session_id: str, after: int) -> tuple[StoredEvent, ...]:
         """Return the first ``MOST_EVENTS`` of the durable events after number ``after``. Raises NotFound."""
         with self._lab.database.reading() as tx:
             return sessions.events(tx, session_id, after=after, limit=MOST_EVENTS)
 
-    def end(self, session_id: str) -> None:
-        """End a session that lives elsewhere or nowhere any more. Raises NotFound."""
-        self._close(session_id, "ended")
+    def end(self, session_id: str) -> bool:
+        """Decide what is open of a session that lives elsewhere, or nowhere any more, and end it.
+
+        Return whether it was active. Raises NotFound.
+        """
+        return self._finish(session_id, "ended", lambda _: None)
+
+    def give_up(self, session_id: str) -> None:
+        """End a session without deciding what is open. Raises NotFound."""
+        record = self._taken_on(session_id, lambda _: None)
+        if record.state == "active":
+            self._close(record, [_counted(record).end(record.n_frames)], "ended")
 
     def expire(self, last_seen_before: datetime, living: Collection[str]) -> int:
-        """Expire active sessions that no process has seen since then; return how many.
+        """End active sessions that no process has seen since then; return how many.
 
         living: ids of those that live in this process.
         """
@@ -173,7 +151,12 @@ class SessionStore:
             ids += [record.id for record in page.records if record.last_seen_at < last_seen_before]
             if (token := page.next_token) is None:
                 break
-        return sum(self._close(id_, "expired", last_seen_before) for id_ in ids if id_ not in living)
+
+        def check(record: SessionRecord) -> None:
+            if record.last_seen_at >= last_seen_before:
+                raise TakenOver
+
+        return sum(self._finish(id_, "expired", check) for id_ in ids if id_ not in living)
 
     def drop_frames(self, last_seen_before: datetime) -> int:
         """Drop the frames of sessions that are over and were last seen before then; return how many."""
@@ -187,56 +170,55 @@ class SessionStore:
             detail = f"what was trained cannot be read ({error}): train the model again"
             raise StartRefused("version_unusable", detail) from error
 
-    def _close(self, session_id: str, state: SessionState, last_seen_before: datetime | None = None) -> bool:
-        """End a session that this process does not feed; return whether it was active, and seen no later.
+    def _model(self, record: SessionRecord) -> Model:
+        if record.artifact_digest is None:
+            return self._lab.version(record.model, str(record.version)).model
+        return self._lab.load(record.artifact_digest)
 
-        What was open in its recogniser is lost; ``ended`` still becomes its last event. Another process may
-        add to the session at the same moment: then once more from the start.
-        """
-        for _ in range(ATTEMPTS):
-            with suppress(OutOfOrder), self._lab.database.transaction() as tx:
-                record = sessions.get(tx, session_id)
-                seen = last_seen_before is not None and record.last_seen_at >= last_seen_before
-                if record.state != "active" or seen:
-                    return False
-                fields = {"segments": record.n_segments, "frames": record.n_frames}
-                text = as_json({"type": "ended", "event": record.n_events, **fields})
-                last = StoredEvent(record.n_events, "ended", text)
-                sessions.append(tx, session_id, first_seq=record.n_frames, events=[last])
-                sessions.end(tx, session_id, state)
-                return True
-        raise WriteFailed
+    def _taken_on(self, session_id: str, check: Callable[[SessionRecord], None]) -> SessionRecord:
+        """Return a session that is ours now, unless it is over, then as it is. Raises what ``check`` does."""
+        with self._lab.database.transaction() as tx:
+            record = sessions.lock(tx, session_id)
+            check(record)
+            return sessions.take_on(tx, session_id) if record.state == "active" else record
+
+    def _finish(self, session_id: str, state: SessionState, check: Callable[[SessionRecord], None]) -> bool:
+        """Take a session on, decide what is open and end it; return whether it was active and passed."""
+        try:
+            record = self._taken_on(session_id, check)
+        except TakenOver:
+            return False
+        if record.state != "active":
+            return False
+        decisions = _counted(record)
+        try:
+            events = decisions.take(restored(self._lab, record, self._model(record)).recogniser.finish())
+        except (MotionError, RegistryError) as error:
+            log.error("session %s: what is open cannot be decided: %s", session_id, error)
+            events = []
+        return self._close(record, [*events, decisions.end(record.n_frames)], state)
+
+    def _close(self, record: SessionRecord, last: Sequence[StoredEvent], state: SessionState) -> bool:
+        """Make the last events of a session durable; return whether it still was ours to end."""
+        addition = sessions.Addition(record.id, record.epoch, record.n_frames, events=last, state=state)
+        with suppress(TakenOn), self._lab.database.transaction() as tx:
+            sessions.append(tx, addition)
+            return True
+        return False
 
 
-def _recogniser(model: Model, scene: Scene, layout: Layout, goals: Goals) -> Recogniser:
-    """Return what recognises the stream. Raises StartRefused where its objects cannot fill the roles."""
-    places = {name: np.array(place) for name, place in goals.items()}
-    try:
-        return Recogniser(model, scene, rate=layout.rate_hz, objects=layout.objects, goals=places)
-    except RoleMissing as error:
-        raise StartRefused("role_missing", str(error)) from error
-    except InvalidRequest as error:
-        raise StartRefused("objects_ambiguous", str(error)) from error
+def _counted(record: SessionRecord) -> Decisions:
+    """Return what counts a session's events on."""
+    return Decisions(record.model, record.version, record.n_events, record.n_segments)
 
 
 def _addition(entry: Entry) -> sessions.Addition:
-    rows = np.concatenate(entry.rows).astype("<f8").tobytes() if entry.rows else b""
-    return sessions.Addition(entry.session_id, entry.first_seq, rows, entry.events, entry.ended)
-
-
-def _warnings(wish: Wish, model: Model) -> tuple[tuple[str, str], ...]:
-    rate = model.features.rate
-    if wish.rate_hz is None or wish.rate_hz >= rate:
-        return ()
-    return (("low_rate", f"{wish.rate_hz:g} Hz is less than the {rate:g} Hz the model works at"),)
-
-
-def _start(wish: Wish, pinned: Pinned) -> dict[str, Any]:
-    return {
-        "version": wish.version,
-        "rate_hz": wish.rate_hz,
-        "objects": None if wish.objects is None else list(wish.objects),
-        "table_height_m": pinned.scene.table_height,
-        "goals": {name: list(place) for name, place in pinned.goals.items()},
-        "encoding": wish.encoding,
-    }
+    return sessions.Addition(
+        entry.session_id,
+        entry.epoch,
+        entry.first_seq,
+        rows=np.concatenate(entry.rows).astype("<f8").tobytes() if entry.rows else b"",
+        events=entry.events,
+        state="ended" if entry.ended else "active",
+        checkpoint=None if entry.snapshot is None else entry.snapshot.packed(),
+    )

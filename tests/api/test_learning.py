@@ -16,7 +16,7 @@ from app.client import ApiError, AsyncGestaClient, GestaClient, trajectory
 from app.motion.simulation import recording
 from app.motion.trajectory import Floats
 from app.registry import sessions
-from app.registry.records import StoredEvent
+from app.registry.records import SessionState, StoredEvent
 from tests.api.conftest import Sent
 from tests.serving import Server
 from tests.talking import Message, checked, waving
@@ -38,7 +38,7 @@ def past(
     span: tuple[int, int] = SPAN,
     height: float = 0.0,
     kept: int = LENGTH,
-    state: str = "ended",
+    state: SessionState = "ended",
 ) -> str:
     """Make a session of ``kept`` frames of the motion, with these objects and one segment; return its id."""
     rows = np.column_stack([MOTION.times, MOTION.hand, *objects.values()])[:kept].astype("<f8")
@@ -51,14 +51,15 @@ def past(
             model=model,
             version=1,
             token_hash="",
+            artifact_digest="",
             geometry={"length_unit": "m", "up_axis": "z"},
             channels=("t", *(f"{name}.{axis}" for name in ("hand", *objects) for axis in "xyz")),
             start={"rate_hz": None, "table_height_m": height},
         )
         for first in range(0, kept, 50):
             part = rows[first : first + 50].tobytes()
-            sessions.append(tx, made.id, first_seq=first, rows=part)
-        sessions.append(tx, made.id, first_seq=kept, events=[stored], ended=state == "ended")
+            sessions.append(tx, sessions.Addition(made.id, 0, first, rows=part))
+        sessions.append(tx, sessions.Addition(made.id, 0, kept, events=[stored], state=state))
     return made.id
 
 

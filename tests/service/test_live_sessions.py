@@ -24,7 +24,8 @@ from app.service.live import Limits, LiveSessions
 from app.service.session_archive import recording as recording_of
 from app.service.session_errors import SessionGone, WriteFailed
 from app.service.session_retention import PERIOD, keep_tidy, tidy
-from app.service.session_store import SessionStore, Wish
+from app.service.session_start import Ticket, Wish
+from app.service.session_store import SessionStore
 from tests.talking import expected
 
 MOTION = recording(5, 5).trajectory
@@ -94,7 +95,9 @@ def test_what_is_taken_in_becomes_durable_in_order(lab: Lab, trained: Model) -> 
     live_run(lab, work)
 
 
-def test_a_session_that_cannot_be_written_is_given_up(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_session_that_cannot_be_written_goes_on_from_what_is_durable(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fails(self: SessionStore, entries: Sequence[Entry]) -> None:
         raise OSError("the disk is full")
 
@@ -107,8 +110,10 @@ def test_a_session_that_cannot_be_written_is_given_up(lab: Lab, monkeypatch: pyt
         with pytest.raises(WriteFailed):
             await session.end()
         live.leave(attachment)
-        with pytest.raises(SessionGone):
-            await live.resume(session.pinned.session_id, token, -1, WISH)
+        monkeypatch.undo()
+        again = await live.resume(Ticket(session.pinned.session_id, token, -1, WISH))
+        assert again.session is not session
+        assert again.session.next_seq == 0
 
     monkeypatch.setattr(SessionStore, "write", fails)
     live_run(lab, work)
@@ -122,7 +127,7 @@ def test_a_session_that_is_given_up_ends_with_an_event(lab: Lab) -> None:
         await attachment.session.saved()
         live.abandon(attachment.session)
         with pytest.raises(SessionGone):
-            await live.resume(session_id, token, -1, WISH)
+            await live.resume(Ticket(session_id, token, -1, WISH))
         heard = [stored.type async for stored in live.events(session_id, -1)]
         assert heard == ["ended"]
         assert (await live.end(session_id)).state == "ended"

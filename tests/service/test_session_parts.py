@@ -162,7 +162,7 @@ class Source:
 
     def collect(self) -> Entry:
         self.collected += 1
-        return Entry(self.session_id, 0, (), (StoredEvent(self.collected, "gap", "{}"),))
+        return Entry(self.session_id, 0, 0, (), (StoredEvent(self.collected, "gap", "{}"),))
 
     def written(self, entry: Entry) -> None:
         self.durable += [stored.event for stored in entry.events]
