@@ -31,6 +31,15 @@ NEWEST = "0002"
 BUSY_S = 30.0
 """How long a writer waits for the writers of other processes [s]; SQLite only."""
 
+PATIENCE = {
+    "connect_timeout": 5,
+    "tcp_user_timeout": 15_000,
+    "keepalives_idle": 10,
+    "keepalives_interval": 5,
+    "keepalives_count": 3,
+}
+"""When a PostgreSQL that says nothing is given up: the options of libpq [s], but tcp_user_timeout [ms]."""
+
 MIGRATION_LOCK = 0x6765737461
 """Key of the PostgreSQL advisory lock under which one process at a time migrates."""
 
@@ -48,7 +57,9 @@ class Database:
             self.engine = _sqlite(self.url, "BEGIN IMMEDIATE", "OFF")
             self._reading = _sqlite(self.url, "BEGIN", "ON")
         else:
-            self.engine = create_engine(self.url, json_serializer=_as_json, pool_pre_ping=True)
+            self.engine = create_engine(
+                self.url, json_serializer=_as_json, pool_pre_ping=True, connect_args=PATIENCE
+            )
             self._reading = self.engine.execution_options(
                 isolation_level="REPEATABLE READ", postgresql_readonly=True
             )

@@ -133,7 +133,8 @@ def append_all(tx: Session, additions: Sequence[Addition]) -> None:
     """Add to sessions, at least one and to each once.
 
     What is there already, for a commit of before whose answer was lost, is left alone. Raises NotFound,
-    TakenOn for a session of another epoch or one that is over, OutOfOrder if frames or events do not go on where its own end.
+    TakenOn for a session of another epoch or one that is over, OutOfOrder if frames or events do not go on
+    where its own end.
     """
     query = sa.select(table).where(table.c.id.in_([each.id for each in additions])).order_by(table.c.id)
     known = {row.id: _record(row) for row in tx.execute(query.with_for_update())}

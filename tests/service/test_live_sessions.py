@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Awaitable, Callable, Sequence
 from datetime import UTC, datetime, timedelta
 
@@ -14,6 +15,7 @@ from app.motion.simulation import recording
 from app.registry import models, sessions, versions
 from app.registry.artifacts import dump_model
 from app.registry.database import Database
+from app.registry.errors import DatabaseUnavailable
 from app.registry.records import SessionRecord
 from app.registry.store import Store
 from app.service.frames import Frames
@@ -22,7 +24,7 @@ from app.service.journal import Entry
 from app.service.lab import Lab
 from app.service.live import Limits, LiveSessions
 from app.service.session_archive import recording as recording_of
-from app.service.session_errors import SessionGone, WriteFailed
+from app.service.session_errors import SessionGone, TakenOver, WriteFailed
 from app.service.session_retention import PERIOD, keep_tidy, tidy
 from app.service.session_start import Ticket, Wish
 from app.service.session_store import SessionStore
@@ -119,6 +121,62 @@ def test_a_session_that_cannot_be_written_goes_on_from_what_is_durable(
     live_run(lab, work)
 
 
+def test_an_answer_of_the_database_that_is_lost_doubles_nothing(
+    lab: Lab, trained: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The commit took place, but nobody was told: what is written once more is there already."""
+    write, lost = SessionStore.write, list[int]()
+
+    def loses_every_other_answer(self: SessionStore, entries: Sequence[Entry]) -> None:
+        write(self, entries)
+        lost.append(len(entries))
+        if len(lost) % 2:
+            raise DatabaseUnavailable("the connection was lost")
+
+    async def work(live: LiveSessions) -> None:
+        attachment, _ = await live.open(WISH)
+        session = attachment.session
+        for start in range(0, len(MOTION), 100):
+            await session.take(frames(start, start + 100))
+            await session.saved()
+        await session.end()
+        found = [json.loads(stored.text) async for stored in session.events_after(-1)]
+        assert found[:-1] == expected(trained, MOTION)
+        assert record_of(lab, session.pinned.session_id).n_frames == len(MOTION)
+        np.testing.assert_array_equal(
+            recording_of(lab, session.pinned.session_id).tracks["hand"], MOTION.hand
+        )
+
+    monkeypatch.setattr("app.service.journal.AGAIN", 0.0)
+    monkeypatch.setattr(SessionStore, "write", loses_every_other_answer)
+    live_run(lab, work)
+
+
+def test_who_was_taken_over_writes_no_more(lab: Lab, trained: Model) -> None:
+    """A process that was paused and wakes, with frames of its own that nobody has seen."""
+
+    async def work(paused: LiveSessions) -> None:
+        attachment, token = await paused.open(WISH)
+        session = attachment.session
+        await session.take(frames(0, 300))
+        await session.saved()
+        await session.take(frames(300, 600))
+        other = LiveSessions(SessionStore(lab), Limits(drain=0.0))
+        hold = await other.resume(Ticket(session.pinned.session_id, token, -1, WISH))
+        next_seq = hold.session.next_seq
+        assert 300 <= next_seq < 600
+        with pytest.raises(TakenOver):
+            await session.saved()
+        await hold.session.take(frames(next_seq, len(MOTION)))
+        await hold.session.end()
+        assert record_of(lab, session.pinned.session_id).n_frames == len(MOTION)
+        found = [json.loads(stored.text) async for stored in hold.session.events_after(-1)]
+        assert found[:-1] == expected(trained, MOTION)
+        await other.drain()
+
+    live_run(lab, work)
+
+
 def test_a_session_that_is_given_up_ends_with_an_event(lab: Lab) -> None:
     async def work(live: LiveSessions) -> None:
         attachment, token = await live.open(WISH)
@@ -171,6 +229,24 @@ class TestTidying:
             *_, last = [stored async for stored in live.events(ids[0], -1)]
             assert (last.type, last.event) == ("ended", record.n_events - 1)
             assert f'"segments":{record.n_segments},"frames":400' in last.text
+
+        live_run(lab, die)
+        live_run(lab, work)
+
+    def test_what_they_had_open_is_decided(self, lab: Lab, trained: Model) -> None:
+        ids: list[str] = []
+
+        async def die(live: LiveSessions) -> None:
+            attachment, _ = await live.open(WISH)
+            ids.append(attachment.session.pinned.session_id)
+            await attachment.session.take(frames(0, len(MOTION)))
+            await attachment.session.saved()
+
+        async def work(live: LiveSessions) -> None:
+            now = record_of(lab, ids[0]).last_seen_at
+            assert await tidy(live, RETENTION, now + timedelta(seconds=601)) == (1, 0)
+            found = [json.loads(stored.text) async for stored in live.events(ids[0], -1)]
+            assert found[:-1] == expected(trained, MOTION)
 
         live_run(lab, die)
         live_run(lab, work)

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from app.motion.hypothesis import Expected, Hypothesis
+from app.registry.errors import DatabaseUnavailable
 from app.registry.records import StoredEvent
 from app.service import messages
 from app.service.frames import Layout, from_binary, from_columns, settle
@@ -228,6 +229,43 @@ class TestJournal:
         assert sources["good"].durable == [1]
         assert isinstance(sources["gone"].error, SessionGone)
         assert isinstance(sources["bad"].error, WriteFailed)
+
+    def test_a_database_that_is_away_is_waited_for(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("app.service.journal.AGAIN", 0.0)
+        tries: list[int] = []
+
+        def write(entries: Sequence[Entry]) -> None:
+            tries.append(len(entries))
+            if len(tries) < 4:
+                raise DatabaseUnavailable("gone")
+
+        async def run() -> Source:
+            journal, source = Journal(write), Source("patient")
+            journal.note(source, urgent=True)
+            await source.over.wait()
+            await journal.close()
+            return source
+
+        source = asyncio.run(run())
+        assert (tries, source.durable, source.error) == ([1, 1, 1, 1], [1], None)
+
+    def test_but_not_for_ever(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("app.service.journal.AGAIN", 0.0)
+        monkeypatch.setattr("app.service.journal.PATIENCE", 0.01)
+
+        def write(entries: Sequence[Entry]) -> None:
+            raise DatabaseUnavailable("gone")
+
+        async def run() -> Source:
+            journal, source = Journal(write), Source("patient")
+            journal.note(source, urgent=True)
+            await source.over.wait()
+            await journal.close()
+            return source
+
+        source = asyncio.run(run())
+        assert source.durable == []
+        assert isinstance(source.error, WriteFailed)
 
     def test_what_waits_is_written_before_it_closes(self) -> None:
         async def run() -> Source:
