@@ -23,6 +23,35 @@ PATIENCE_S = 60.0
 """How long a listener that was cut off tries to come back [s]."""
 
 
+OPEN = ("queued", "running")
+"""States of a job that has not ended."""
+NOT_NOW = (502, 503, 504)
+
+
+class Waiting:
+    """A job that is waited for; if it cannot be looked at, for a while."""
+
+    def __init__(self, patience_s: float, now: float) -> None:
+        self.job: Message = {}
+        self._patience = patience_s
+        self._heard_at = now
+
+    @property
+    def ended(self) -> bool:
+        """Whether its end was seen."""
+        return bool(self.job) and self.job["state"] not in OPEN
+
+    def hear(self, job: Message, now: float) -> None:
+        """Note how it is."""
+        self.job = job
+        self._heard_at = now
+
+    def is_over(self, error: httpx.TransportError | ApiError, now: float) -> bool:
+        """Whether to wait no more: the server refuses, or it has been away for too long."""
+        refused = isinstance(error, ApiError) and error.status not in NOT_NOW
+        return refused or now - self._heard_at > self._patience
+
+
 class GestaClient(Rest[Message]):
     """A Gesta server at ``url``; every method raises ApiError where the server refuses."""
 
@@ -58,12 +87,25 @@ class GestaClient(Rest[Message]):
             if (token := page.get("next_page_token")) is None:
                 return
 
-    def result(self, job_id: str, watch: Callable[[Message], object] = bool) -> Message:
-        """Wait for a job and return its result; ``watch`` gets every state. Raises JobFailed."""
-        job: Message = {}
-        for _, job in self.events(f"/jobs/{job_id}/events"):
-            watch(job)
-        return _result(job)
+    def result(
+        self, job_id: str, watch: Callable[[Message], object] = bool, patience_s: float = PATIENCE_S
+    ) -> Message:
+        """Wait for a job and return its result; ``watch`` gets every state. Raises JobFailed.
+
+        A connection that breaks, or a server that is away, is tried anew for ``patience_s``.
+        """
+        waiting = Waiting(patience_s, time.monotonic())
+        while True:
+            try:
+                for _, job in self.events(f"/jobs/{job_id}/events"):
+                    watch(job)
+                    waiting.hear(job, time.monotonic())
+                if waiting.ended:
+                    return _result(waiting.job)
+            except (httpx.TransportError, ApiError) as error:
+                if waiting.is_over(error, time.monotonic()):
+                    raise
+            time.sleep(PAUSE_S)
 
     def session_events(
         self, session_id: str, after: int = -1, include: str = "", patience_s: float = PATIENCE_S
@@ -148,12 +190,22 @@ class AsyncGestaClient(Rest[Coroutine[Any, Any, Message]]):
             if (token := page.get("next_page_token")) is None:
                 return
 
-    async def result(self, job_id: str, watch: Callable[[Message], object] = bool) -> Message:
-        """Wait for a job and return its result; ``watch`` gets every state. Raises JobFailed."""
-        job: Message = {}
-        async for _, job in self.events(f"/jobs/{job_id}/events"):
-            watch(job)
-        return _result(job)
+    async def result(
+        self, job_id: str, watch: Callable[[Message], object] = bool, patience_s: float = PATIENCE_S
+    ) -> Message:
+        """Wait for a job and return its result: see ``GestaClient.result``."""
+        waiting = Waiting(patience_s, time.monotonic())
+        while True:
+            try:
+                async for _, job in self.events(f"/jobs/{job_id}/events"):
+                    watch(job)
+                    waiting.hear(job, time.monotonic())
+                if waiting.ended:
+                    return _result(waiting.job)
+            except (httpx.TransportError, ApiError) as error:
+                if waiting.is_over(error, time.monotonic()):
+                    raise
+            await asyncio.sleep(PAUSE_S)
 
     async def session_events(
         self, session_id: str, after: int = -1, include: str = "", patience_s: float = PATIENCE_S

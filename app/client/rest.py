@@ -74,8 +74,7 @@ class Rest(ABC, Generic[Answer]):
 
     def train(self, model: str, idempotency_key: str | None = None, **fields: Any) -> Answer:
         """Queue a training and return its job; fields: options, demonstrations, base."""
-        headers = {} if idempotency_key is None else {"Idempotency-Key": idempotency_key}
-        return self._message("POST", _path("models", model, "versions"), fields, headers)
+        return self._message("POST", _path("models", model, "versions"), fields, _asking(idempotency_key))
 
     def job(self, job_id: str) -> Answer:
         """Return the state of a job."""
@@ -105,15 +104,36 @@ class Rest(ABC, Generic[Answer]):
         path = _path("models", model, "versions", ref, "actions", action, "trajectories")
         return self._message("POST", path, {**ends, **fields})
 
-    def segment(self, model: str, ref: str | int, motion: Message, **fields: Any) -> Answer:
-        """Return the segments of a recording, or the job that finds them; fields: geometry, scene."""
-        body = {"geometry": METRES, "trajectory": motion, **fields}
-        return self._message("POST", _path("models", model, "versions", ref, "segmentations"), body)
+    def segment(
+        self,
+        model: str,
+        ref: str | int,
+        motion: Message,
+        *,
+        as_job: bool = False,
+        idempotency_key: str | None = None,
+        **fields: Any,
+    ) -> Answer:
+        """Return the segments of a recording, or the job that finds them; fields: geometry, scene.
 
-    def evaluate(self, model: str, ref: str | int, **body: Any) -> Answer:
-        """Return the measures on a labelled recording, or the job that takes them."""
+        as_job: a job however short the recording is; idempotency_key: the same gives the same job.
+        """
+        body = {"geometry": METRES, "trajectory": motion, **fields}
+        path = _path("models", model, "versions", ref, "segmentations")
+        return self._message("POST", path, body, _asking(idempotency_key, as_job))
+
+    def evaluate(
+        self,
+        model: str,
+        ref: str | int,
+        *,
+        as_job: bool = False,
+        idempotency_key: str | None = None,
+        **body: Any,
+    ) -> Answer:
+        """Return the measures on a labelled recording, or the job that takes them: see ``segment``."""
         path = _path("models", model, "versions", ref, "evaluations")
-        return self._message("POST", path, {"geometry": METRES, **body})
+        return self._message("POST", path, {"geometry": METRES, **body}, _asking(idempotency_key, as_job))
 
     def session(self, session_id: str) -> Answer:
         """Return a session."""
@@ -165,6 +185,11 @@ def page_path(path: str, token: str | None) -> str:
 def session_events_path(session_id: str, include: str) -> str:
     """Return where the events of a session are; include: ``frames``, ``hypotheses`` or both."""
     return _path("sessions", session_id, "events") + (f"?include={quote(include)}" if include else "")
+
+
+def _asking(idempotency_key: str | None, as_job: bool = False) -> dict[str, str]:
+    key = {} if idempotency_key is None else {"Idempotency-Key": idempotency_key}
+    return key | ({"Prefer": "respond-async"} if as_job else {})
 
 
 def _path(*parts: str | int) -> str:

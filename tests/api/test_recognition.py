@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
 
-from app.client import ApiError, GestaClient, trajectory
+from app.client import METRES, ApiError, GestaClient, trajectory
 from app.motion.evaluation import evaluate
 from app.motion.model import Model
 from app.motion.recogniser import SegmentEvent, recognise
@@ -88,6 +89,41 @@ def test_a_long_recording_is_a_job_with_the_same_answer(
     with working(server):
         segments = client.result(job["id"])["segments"]
     assert [Segment(s["start_seq"], s["end_seq"], s["action"]) for s in segments] == found(trained, motion)
+
+
+@pytest.mark.parametrize(
+    "headers", [[("Prefer", "wait=5"), ("Prefer", "Respond-Async; x=1")], [("Prefer", "foo, respond-async")]]
+)
+def test_a_short_recording_is_a_job_where_that_is_preferred(
+    client: GestaClient, server: Server, table_top: str, headers: list[tuple[str, str]]
+) -> None:
+    motion = as_sent(SAMPLE.trajectory)
+    bodies = {
+        "segmentations": {"geometry": METRES, "trajectory": motion},
+        "evaluations": {
+            "geometry": METRES,
+            "recording": {"trajectory": motion, "segments": labels(SAMPLE)},
+        },
+    }
+    for path, body in bodies.items():
+        url = f"{client.url}/v1/models/{table_top}/versions/1/{path}"
+        at_once = httpx.post(url, json=body, headers=[("Prefer", "wait=5")])
+        later = httpx.post(url, json=body, headers=headers)
+        assert (at_once.status_code, later.status_code) == (200, 202)
+        job = later.json()
+        assert later.headers["Location"] == f"/v1/jobs/{job['id']}"
+        with working(server):
+            result = client.result(job["id"])
+        assert result == {name: at_once.json()[name] for name in result}
+
+
+def test_a_key_gives_the_same_job_of_a_recording(client: GestaClient, table_top: str) -> None:
+    motion = as_sent(SAMPLE.trajectory)
+    job = client.segment(table_top, 1, motion, as_job=True, idempotency_key="one")
+    assert client.segment(table_top, 1, motion, as_job=True, idempotency_key="one")["id"] == job["id"]
+    with pytest.raises(ApiError, match="409 idempotency_key_reused"):
+        client.segment(table_top, 1, as_sent(waving()), as_job=True, idempotency_key="one")
+    client.cancel(job["id"])
 
 
 def repeated(motion: Trajectory, n_frames: int) -> Trajectory:

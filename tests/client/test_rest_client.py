@@ -9,11 +9,12 @@ from typing import Any
 import httpx
 import pytest
 
-from app.client import ApiError, AsyncGestaClient, GestaClient, trajectory
+from app.client import ApiError, AsyncGestaClient, GestaClient, JobFailed, trajectory
 from app.client.rest import page_path
 from app.client.server_events import EventLines, Listening, ServerEvent
 from app.motion.model import Model
 from app.motion.simulation import recording
+from app.registry import jobs
 from tests.client.cutting import Wire, wire_to
 from tests.serving import Server
 from tests.talking import Message, expected
@@ -100,6 +101,63 @@ class TestSessions:
             listed = list(client.pages("/sessions?name=many&page_size=1", "sessions"))
         assert len(listed) == 3
         assert {session["id"] for session in listed} == ids
+
+
+class TestJobs:
+    """The job has no worker: the test itself ends it, while the way to the server is cut."""
+
+    def test_a_result_is_waited_for_over_a_way_that_breaks(
+        self, server: Server, wire: Wire, table_top: str
+    ) -> None:
+        with GestaClient(server.url) as client, GestaClient(wire.url) as waiting:
+            job = segmentation(client, table_top)
+
+            def end(seen: Message) -> None:
+                if seen["state"] == "queued":
+                    with wire.broken():
+                        succeed(server, job["id"])
+
+            assert waiting.result(job["id"], end) == {"segments": []}
+
+    def test_one_that_cannot_be_had_is_given_up_in_the_end(
+        self, server: Server, wire: Wire, table_top: str
+    ) -> None:
+        with GestaClient(server.url) as client, GestaClient(wire.url) as waiting:
+            job = segmentation(client, table_top)
+            with wire.broken(), pytest.raises(httpx.TransportError):
+                waiting.result(job["id"], patience_s=0)
+            client.cancel(job["id"])
+            with pytest.raises(JobFailed, match="cancelled"):
+                waiting.result(job["id"])
+
+    def test_for_asyncio_too(self, server: Server, wire: Wire, table_top: str) -> None:
+        async def run() -> Message:
+            async with AsyncGestaClient(server.url) as client, AsyncGestaClient(wire.url) as waiting:
+                motion = trajectory(MOTION.times, MOTION.hand, MOTION.objects)
+                job = await client.segment(table_top, 1, motion, as_job=True)
+
+                def end(seen: Message) -> None:
+                    if seen["state"] == "queued":
+                        with wire.broken():
+                            succeed(server, job["id"])
+
+                return await waiting.result(job["id"], end)
+
+        assert asyncio.run(run()) == {"segments": []}
+
+
+def segmentation(client: GestaClient, model: str) -> Message:
+    motion = trajectory(MOTION.times, MOTION.hand, MOTION.objects)
+    job = client.segment(model, 1, motion, as_job=True)
+    assert job["state"] == "queued"
+    return job
+
+
+def succeed(server: Server, job_id: str) -> None:
+    """End a job as a worker does."""
+    with server.database.transaction() as tx:
+        job = jobs.start(tx, job_id, "test")
+        jobs.succeed(tx, job_id, job.attempt, {"segments": []})
 
 
 class TestAsyncClient:
