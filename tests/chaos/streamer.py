@@ -112,7 +112,7 @@ class _Connection:
     def __init__(self, socket: ClientConnection, streamer: Streamer) -> None:
         self._socket, self._streamer, self._told = socket, streamer, streamer.told
         self._habits = streamer.habits
-        self._wanted = 0
+        self._wanted, self._durable = 0, self._told.durable
         self._next = self._through = self._most = -1
         self._hasty = self._closed = self._back = False
         self._heard_at = time.monotonic()
@@ -181,7 +181,7 @@ class _Connection:
     def _take(self, message: Message) -> None:
         kind = message["type"]
         if kind == "started":
-            self._told.started(message)
+            self._told.started(message, self._durable)
             self._next, self._most = message["next_seq"], message["limits"]["max_unacked_frames"]
             self._through = self._next - 1
         elif kind == "accepted":

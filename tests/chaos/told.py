@@ -51,8 +51,8 @@ class Told:
         """Whether a client has heard the last event."""
         return bool(self.events) and self.events[-1]["type"] == "ended"
 
-    def started(self, message: Message) -> None:
-        """Take ``started``; on a resume it has to be the same session, with all that was durable."""
+    def started(self, message: Message, durable: int) -> None:
+        """Take ``started``; a resumed session has to be the same, with all that was ``durable`` before."""
         with self._lock:
             pinned = message["session_id"], message["resume_token"], message["version"]
             if not self.session_id:
