@@ -121,14 +121,14 @@ class Journal:
     async def _try(self, entries: Sequence[Entry]) -> SessionError | None:
         """Write; where the database is away, again and again for ``PATIENCE``, while everybody waits."""
         clock = asyncio.get_running_loop().time
-        deadline = clock() + (LAST_PATIENCE if self._closing else PATIENCE)
+        begin = clock()
         while True:
             try:
                 await asyncio.to_thread(self._write, entries)
             except SessionError as error:
                 return error
             except Unavailable as error:
-                if clock() >= deadline:
+                if clock() - begin >= (LAST_PATIENCE if self._closing else PATIENCE):
                     log.error("%d sessions could not be written: %s", len(entries), error)
                     return WriteFailed()
             except Exception:

@@ -28,7 +28,7 @@ from app.service.journal import Entry, Journal
 from app.service.mark import Mark
 from app.service.session_errors import FramesMissing, MessageMalformed, SessionError
 
-CHECKPOINT = 500
+CHECKPOINT = 250
 """Frames after which the state of the recogniser is written down, for another process to go on from."""
 BATCH = 16
 """Frames that are computed before other sessions have their turn."""

@@ -14,10 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from app.motion.errors import InvalidState
 from app.motion.hypothesis import Expected, Hypothesis
+from app.motion.state import State
 from app.registry.errors import DatabaseUnavailable
-from app.registry.records import StoredEvent
+from app.registry.records import Checkpoint, StoredEvent
 from app.service import messages
+from app.service.checkpoints import Snapshot, state_of
 from app.service.frames import Layout, from_binary, from_columns, settle
 from app.service.geometry import UNITS_PER_METRE, Geometry, LengthUnit, UpAxis, to_metres
 from app.service.journal import Entry, Journal
@@ -276,3 +279,40 @@ class TestJournal:
             return source
 
         assert asyncio.run(run()).durable == [1]
+
+
+STATE: State = {"n": np.array(3), "open": np.array(True), "none": np.empty((0, 3)), "values": np.eye(2)}
+
+
+class TestCheckpoints:
+    def test_a_state_reads_back_bit_for_bit(self) -> None:
+        packed = Snapshot(700, 4, 2, STATE).packed()
+        assert (packed.n_frames, packed.n_events, packed.n_segments) == (700, 4, 2)
+        found = state_of(packed)
+        assert list(found) == list(STATE)
+        for name, array in STATE.items():
+            assert (found[name].dtype, found[name].shape) == (array.dtype, array.shape)
+            np.testing.assert_array_equal(found[name], array)
+            assert found[name].flags.writeable
+
+    @pytest.mark.parametrize(
+        "state",
+        [
+            b"",
+            b"junk",
+            b"[]x\n",
+            b"3\n",
+            b'[["a", "|O", [1]]]\n01234567',
+            b'[["a", "<f8", [9]]]\n0123',
+            b"[1]\n",
+        ],
+    )
+    def test_bytes_that_are_none_are_refused(self, state: bytes) -> None:
+        with pytest.raises(InvalidState):
+            state_of(Checkpoint(0, 0, 0, state))
+
+    def test_cut_off_ones_are_too(self) -> None:
+        whole = Snapshot(700, 4, 2, STATE).packed().state
+        for length in range(len(whole) - 1):
+            with pytest.raises(InvalidState):
+                state_of(Checkpoint(0, 0, 0, whole[:length]))
