@@ -14,7 +14,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -38,24 +38,26 @@ RESTART_S = 1.0
 def serve(
     host: Annotated[str | None, typer.Option(help="Address to listen on (GESTA_HOST).")] = None,
     port: Annotated[int | None, typer.Option(help="Port to listen on (GESTA_PORT).")] = None,
+    workers: Annotated[int | None, typer.Option(help="Server processes (GESTA_WORKERS).")] = None,
 ) -> None:
     """Serve the API; with the embedded worker also do the jobs."""
-    from app.api.stream_server import StreamServer, stream_config
-    from app.main import create_app
-
-    settings = _settings(host=host, port=port)
+    settings = _settings(host=host, port=port, workers=workers)
     try:
         listener = socket.create_server((settings.host, settings.port), backlog=2048)
     except OSError as error:
         raise _refusal(f"{settings.host}:{settings.port}: {error.strerror}") from error
-    app = create_app(settings)
-    config = stream_config(app, log_config=None, access_log=False)
     at, number, *_ = listener.getsockname()
+    run = _servers(settings, listener) if settings.workers > 1 else _server(settings, listener)
     typer.echo(f"Gesta listens on http://{at}:{number}/v1 (documents: /v1/openapi.json)")
-    for number in (signal.SIGTERM, signal.SIGINT):  # uvicorn raises them once more when it has stopped
-        signal.signal(number, lambda *_: None)
     with _worker_beside(settings.job_worker == "embedded"):
-        StreamServer(config).run([listener])
+        run()
+
+
+@cli.command(hidden=True)
+def serve_on(listener: int, line: int) -> None:
+    """Serve on an open socket: one of the processes of `serve`, at the other end of its line."""
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # of a terminal that closes; the parent sees to it
+    _server(_settings(), socket.socket(fileno=listener), socket.socket(fileno=line))()
 
 
 @cli.command()
@@ -104,6 +106,28 @@ def demo(
     from app.demo import demo
 
     demo(folder, speed)
+
+
+def _server(
+    settings: Settings, listener: socket.socket, line: socket.socket | None = None
+) -> Callable[[], None]:
+    """Return what serves in this process until it is told to stop."""
+    from app.api.stream_server import StreamServer, stream_config
+    from app.main import create_app
+
+    config = stream_config(create_app(settings), log_config=None, access_log=False)
+    server = StreamServer(config, line)
+    for number in (signal.SIGTERM, signal.SIGINT):  # uvicorn raises them once more when it has stopped
+        signal.signal(number, server.handle_exit)
+    return lambda: server.run([listener])
+
+
+def _servers(settings: Settings, listener: socket.socket) -> Callable[[], None]:
+    """Return what keeps several processes serving until it is told to stop."""
+    from app.api.supervisor import supervise
+
+    command = [sys.executable, "-m", "app.cli", "serve-on"]
+    return lambda: supervise(listener, settings.workers, command)
 
 
 def _settings(**given: str | int | None) -> Settings:

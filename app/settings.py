@@ -23,6 +23,7 @@ class Settings(BaseSettings):
     )
     host: str = Field("127.0.0.1", description="Address to listen on.")
     port: int = Field(8000, ge=0, le=65535, description="Port to listen on; 0: any that is free.")
+    workers: int = Field(1, ge=1, le=256, description="Server processes that listen there.")
     job_worker: Literal["embedded", "none"] = Field(
         "embedded",
         description="`embedded`: `gesta serve` starts the worker process; `none`: it runs elsewhere.",

@@ -160,6 +160,7 @@ def refusals(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 TITLES = {
     400: "Malformed",
+    403: "Forbidden",
     404: "Not found",
     409: "Conflict",
     410: "Gone",

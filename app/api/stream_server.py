@@ -6,12 +6,17 @@ hear ``going_away``, what is decided becomes durable, and each stream closes by 
 
 from __future__ import annotations
 
+import asyncio
 import gc
+import math
 import socket
+from contextlib import suppress
 from typing import Any
 
 import uvicorn
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
+from app.api.supervisor import LEAVE, READY
 
 LARGEST = 4 << 20
 """A message longer than this [bytes] closes the connection unread, without an ``error``."""
@@ -20,7 +25,9 @@ LINGER = 30.0
 NOT_UTF8 = "\ufffd"
 """No message of a client: it is no JSON."""
 GRACE = 10
-"""How long a server that stops waits for requests under way [s]."""
+"""How long a server that stops waits for requests under way, from when it is told [s]."""
+SETTLE = 0.1
+"""How long a server that stops waits for the first request of a connection that it has just accepted [s]."""
 
 
 class StreamProtocol(WebSocketsSansIOProtocol):
@@ -47,24 +54,59 @@ class StreamProtocol(WebSocketsSansIOProtocol):
 class StreamServer(uvicorn.Server):
     """A server that drains its sessions before it closes its sockets.
 
-    The app's lifespan gives ``drain``, a coroutine function, in its state.
+    The app's lifespan gives ``drain``, a coroutine function, in its state; the server adds ``leave``.
+    line: to the supervisor, where this is one of several servers.
     """
+
+    def __init__(self, config: uvicorn.Config, line: socket.socket | None = None) -> None:
+        super().__init__(config)
+        self._line = line
+
+    def leave(self) -> None:
+        """Drain and stop; where there are several servers, all of them."""
+        if self._line is None:
+            self.should_exit = True
+        else:
+            self._say(self._line, LEAVE)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Get ready; what is loaded by then stays, and the garbage collector need not look at it again.
 
         To look at all of it takes a tenth of a second, in which no frame is recognised.
         """
+        self.lifespan.state["leave"] = self.leave
         await super().startup(sockets)
         gc.collect()
         gc.freeze()
+        if self._line is not None:
+            self._line.setblocking(False)
+            asyncio.get_running_loop().add_reader(self._line, self._cut_off, self._line)
+            self._say(self._line, READY)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Stop accepting, drain, close."""
+        """Stop accepting, drain, close; what is asked in the meantime is answered, and not to be followed."""
+        loop = asyncio.get_running_loop()
+        told = loop.time()
         for server in self.servers:
             server.close()
-        await self.lifespan.state["drain"]()
+        draining = asyncio.ensure_future(self.lifespan.state["drain"]())
+        await asyncio.sleep(
+            0
+        )  # from here on no WebSocket is accepted, whose answer must not have this header
+        self.server_state.default_headers = [*self.server_state.default_headers, (b"connection", b"close")]
+        await asyncio.sleep(SETTLE)
+        await draining
+        self.config.timeout_graceful_shutdown = max(1, math.ceil(told + GRACE - loop.time()))
         await super().shutdown(sockets)
+
+    def _say(self, line: socket.socket, word: bytes) -> None:
+        with suppress(ConnectionError):  # then the line is cut, which is heard
+            line.send(word)
+
+    def _cut_off(self, line: socket.socket) -> None:
+        """Leave: the supervisor, who says nothing, has died."""
+        asyncio.get_running_loop().remove_reader(line)
+        self.should_exit = True
 
 
 def stream_config(app: Any, **options: Any) -> uvicorn.Config:
