@@ -24,14 +24,12 @@ class Leaving(BaseException):
     """The worker is asked to leave. No error: nothing of it is recorded, the job is for another worker."""
 
 
-def patiently(
-    action: Callable[[], Result], leaving: threading.Event, bound_s: float = BOUND_S, first_s: float = FIRST_S
-) -> Result:
+def patiently(action: Callable[[], Result], leaving: threading.Event) -> Result:
     """Return what ``action`` returns; where database or store are away, or files fail, call it again.
 
     Raises what it raises otherwise, and in the end also that; Leaving.
     """
-    pause, deadline = first_s, time.monotonic() + bound_s
+    pause, deadline = FIRST_S, time.monotonic() + BOUND_S
     while True:
         try:
             return action()
