@@ -14,14 +14,16 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
+    from app.service.lab import Lab
     from app.settings import Settings
 
 cli = typer.Typer(
@@ -203,3 +205,44 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+@contextmanager
+def _lab() -> Iterator[Lab]:
+    """Give the lab as it is, not migrated; what goes wrong with it, or with a file, is told."""
+    from app.registry.database import Database
+    from app.registry.errors import DatabaseUnavailable, RegistryError, StoreUnavailable
+    from app.registry.store import Store
+    from app.service.lab import Lab
+
+    settings = _settings()
+    lab = Lab(Database(settings.database_url), Store(settings.store_url))
+    try:
+        yield lab
+    except (DatabaseUnavailable, StoreUnavailable) as error:
+        raise _refusal(f"{error}: {error.reason}") from error
+    except (RegistryError, OSError) as error:
+        raise _refusal(str(error)) from error
+    finally:
+        lab.close()
+
+
+def _age(told: str) -> timedelta:
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        return timedelta(seconds=float(told))
+    except ValueError:
+        pass
+    try:
+        return TypeAdapter(timedelta).validate_python(told)
+    except ValidationError as error:
+        raise _refusal(f"--older-than: {error.errors()[0]['msg']}") from error
+
+
+def _tell_lost(lost: Sequence[str]) -> None:
+    """Tell what is missing or altered, and end with 1 if anything is."""
+    for each in lost:
+        typer.echo(each, err=True)
+    if lost:
+        raise typer.Exit(1)
+
+

@@ -3,24 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from datetime import datetime, timedelta
 from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.registry import tables
+from app.registry import revisions, tables
+
+CLOCKS = timedelta(hours=1)
+"""How far the clocks of the store and of the database may be apart."""
 
 
 def named(tx: Session) -> dict[str, str]:
     """Return digest -> what has it, such as ``version 3 of model 'table-top'``; of several, one.
 
     The recording of a job is named for as long as the job is not finished. Tables of older revisions do.
+    Raises DatabaseUnavailable where there are none.
     """
+    revisions.current(tx)
     found: dict[str, str] = {}
     for holders in (_versions, _demonstrations, _sessions, _jobs, _shown):
         for digest, title in holders(tx):
             found.setdefault(digest, title)
     return found
+
+
+def at_work_since(tx: Session) -> datetime | None:
+    """Return since when jobs may have put into the store what no row names yet; None if none is at work."""
+    table = tables.jobs
+    oldest: datetime | None = tx.scalar(sa.select(sa.func.min(table.c.created_at)).where(_unfinished()))
+    return None if oldest is None else oldest - CLOCKS
 
 
 def version_title(model: str, number: int) -> str:
@@ -58,8 +71,7 @@ def _sessions(tx: Session) -> Iterator[tuple[str, str]]:
 
 def _jobs(tx: Session) -> Iterator[tuple[str, str]]:
     table = tables.jobs
-    query = sa.select(table.c.id, table.c.request).where(table.c.state.in_(("queued", "running")))
-    for row in tx.execute(query):
+    for row in tx.execute(sa.select(table.c.id, table.c.request).where(_unfinished())):
         yield from _recording(row.request, f"job {row.id}")
 
 
@@ -69,6 +81,10 @@ def _shown(tx: Session) -> Iterator[tuple[str, str]]:
     for row in tx.execute(sa.select(table.c.model, table.c.number, table.c.demonstrations)):
         for digest in row.demonstrations:
             yield digest, f"a demonstration that {version_title(row.model, row.number)} was made of"
+
+
+def _unfinished() -> sa.ColumnElement[bool]:
+    return tables.jobs.c.state.in_(("queued", "running"))
 
 
 def _recording(fields: dict[str, Any], title: str) -> Iterator[tuple[str, str]]:
