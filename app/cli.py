@@ -91,6 +91,49 @@ def migrate() -> None:
     database.close()
 
 
+@cli.command()
+def backup(file: Annotated[Path, typer.Argument(help="The tar to write.")]) -> None:
+    """Write database, jobs, artifacts and demonstrations to a file, while all goes on."""
+    from app.service.backups import back_up
+
+    with _lab() as lab:
+        kept = back_up(lab, file)
+    typer.echo(f"{file}: {kept.n_artifacts} artifacts and demonstrations, and the database")
+    _tell_lost(kept.lost)
+
+
+@cli.command()
+def restore(file: Annotated[Path, typer.Argument(help="The tar that `gesta backup` wrote.")]) -> None:
+    """Fill an empty database and a store with a backup; nothing is changed by one that is not whole."""
+    from app.service.backups import restore
+
+    with _lab() as lab:
+        kept = restore(lab.database, lab.store, file)
+    typer.echo(f"{kept.n_artifacts} artifacts and demonstrations are in the store, the database is as it was")
+    _tell_lost(kept.lost)
+
+
+@cli.command()
+def sweep(
+    older_than: Annotated[str, typer.Option(help="ISO 8601 (P7D) or seconds.")] = "P1D",
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be done.")] = False,
+) -> None:
+    """Take out of the store what nothing names, and tell what is missing there or altered.
+
+    What is taken away is set aside; a sweep that finds it there, as old, deletes it.
+    """
+    from app.service import upkeep
+
+    age = _age(older_than)
+    with _lab() as lab:
+        swept = upkeep.sweep(lab, age, dry_run=dry_run)
+        lost = tuple(upkeep.lost(lab))
+    done = "would be " if dry_run else ""
+    for what, items in (("set aside", swept.set_aside), ("deleted", swept.deleted)):
+        typer.echo(f"{len(items)} objects {done}{what}, {sum(item.size for item in items)} bytes")
+    _tell_lost(lost)
+
+
 @cli.command(name="warm")
 def warm_up() -> None:
     """Compile what is compiled, so that nothing is when a server starts; for the build of an image."""
@@ -159,6 +202,47 @@ def _settings(**given: str | int | None) -> Settings:
     return settings
 
 
+@contextmanager
+def _lab() -> Iterator[Lab]:
+    """Give the lab as it is, not migrated; what goes wrong with it, or with a file, is told."""
+    from app.registry.database import Database
+    from app.registry.errors import DatabaseUnavailable, RegistryError, StoreUnavailable
+    from app.registry.store import Store
+    from app.service.lab import Lab
+
+    settings = _settings()
+    lab = Lab(Database(settings.database_url), Store(settings.store_url))
+    try:
+        yield lab
+    except (DatabaseUnavailable, StoreUnavailable) as error:
+        raise _refusal(f"{error}: {error.reason}") from error
+    except (RegistryError, OSError) as error:
+        raise _refusal(str(error)) from error
+    finally:
+        lab.close()
+
+
+def _age(told: str) -> timedelta:
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        return timedelta(seconds=float(told))
+    except ValueError:
+        pass
+    try:
+        return TypeAdapter(timedelta).validate_python(told)
+    except ValidationError as error:
+        raise _refusal(f"--older-than: {error.errors()[0]['msg']}") from error
+
+
+def _tell_lost(lost: Sequence[str]) -> None:
+    """Tell what is missing or altered, and end with 1 if anything is."""
+    for each in lost:
+        typer.echo(each, err=True)
+    if lost:
+        raise typer.Exit(1)
+
+
 def _refusal(message: str) -> typer.Exit:
     typer.echo(message, err=True)
     return typer.Exit(2)
@@ -205,44 +289,3 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
-@contextmanager
-def _lab() -> Iterator[Lab]:
-    """Give the lab as it is, not migrated; what goes wrong with it, or with a file, is told."""
-    from app.registry.database import Database
-    from app.registry.errors import DatabaseUnavailable, RegistryError, StoreUnavailable
-    from app.registry.store import Store
-    from app.service.lab import Lab
-
-    settings = _settings()
-    lab = Lab(Database(settings.database_url), Store(settings.store_url))
-    try:
-        yield lab
-    except (DatabaseUnavailable, StoreUnavailable) as error:
-        raise _refusal(f"{error}: {error.reason}") from error
-    except (RegistryError, OSError) as error:
-        raise _refusal(str(error)) from error
-    finally:
-        lab.close()
-
-
-def _age(told: str) -> timedelta:
-    from pydantic import TypeAdapter, ValidationError
-
-    try:
-        return timedelta(seconds=float(told))
-    except ValueError:
-        pass
-    try:
-        return TypeAdapter(timedelta).validate_python(told)
-    except ValidationError as error:
-        raise _refusal(f"--older-than: {error.errors()[0]['msg']}") from error
-
-
-def _tell_lost(lost: Sequence[str]) -> None:
-    """Tell what is missing or altered, and end with 1 if anything is."""
-    for each in lost:
-        typer.echo(each, err=True)
-    if lost:
-        raise typer.Exit(1)
-
-
