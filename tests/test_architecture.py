@@ -58,9 +58,11 @@ TABLE = {
     "app.settings": Room(("pydantic", "pydantic_settings")),
     "app.main": Room(("fastapi", "starlette"), (*ROOMS, "app.settings")),
     "app.cli": Room(
-        ("typer", "rich", "uvicorn", "pydantic"), (*ROOMS, "app.main", "app.settings", "app.demo")
+        ("typer", "rich", "uvicorn", "pydantic"),
+        (*ROOMS, "app.main", "app.settings", "app.demo", "app.segment"),
     ),
     "app.demo": Room(("httpx", "numpy", "typer", "rich"), ("app.client", "app.motion")),
+    "app.segment": Room(("httpx", "typer", "rich"), ("app.client",)),
     "migrations": Room(("sqlalchemy", "alembic"), ("app.registry", "app.settings")),
 }
 """The part of a name that matters is its beginning: ``numpy`` stands for ``numpy.typing``, too."""
