@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -79,6 +79,8 @@ def worker(
         work(lab, lambda: stopped.is_set() or parent not in (None, os.getppid()))
     finally:
         lab.close()
+    logging.shutdown()
+    os._exit(0)  # a thread may still be at a kernel: its job is for others by now, nobody waits for it
 
 
 @cli.command()
@@ -173,6 +175,26 @@ def _servers(settings: Settings, listener: socket.socket) -> Callable[[], None]:
 
     command = [sys.executable, "-m", "app.cli", "serve-on"]
     return lambda: supervise(listener, settings.workers, command)
+
+
+@cli.command()
+def segment(
+    paths: Annotated[list[Path], typer.Argument(help="Recordings (.json, .csv), or directories of them.")],
+    model: Annotated[str, typer.Option(help="Whose actions are to be found.")],
+    version: Annotated[
+        str | None, typer.Option(help="A number, an alias or `latest`; default: production, else the latest.")
+    ] = None,
+    url: Annotated[str, typer.Option(help="Where the server is.")] = "http://127.0.0.1:8000",
+    output: Annotated[
+        Path | None, typer.Option(help="File to write: a table if .csv, else JSON lines; default: to stdout.")
+    ] = None,
+    unit: Annotated[Literal["m", "cm", "mm"], typer.Option(help="Of the positions in .csv files.")] = "m",
+    up: Annotated[Literal["z", "y"], typer.Option(help="Axis that is up in .csv files.")] = "z",
+) -> None:
+    """Find the actions in recordings: a job each, over every worker. The same again does nothing twice."""
+    from app.segment import segment
+
+    segment(paths, model, version, url, output, {"length_unit": unit, "up_axis": up})
 
 
 def _settings(**given: str | int | None) -> Settings:
