@@ -305,7 +305,8 @@ def _worker_beside(wanted: bool) -> Iterator[None]:
 def main() -> None:
     """Run the command; its log goes to standard error."""
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s", level=logging.INFO)
-    logging.getLogger("alembic").setLevel(logging.WARNING)
+    for library in ("alembic", "dbos"):
+        logging.getLogger(library).setLevel(logging.WARNING)
     cli()
 
 

@@ -24,8 +24,9 @@ class Bucket:
     """Objects under a prefix of a bucket; see ``Objects``."""
 
     def __init__(self, bucket: str, prefix: str) -> None:
-        retries = {"max_retries": 4, "retry_timeout": PATIENCE}
-        self._store = S3Store(bucket, prefix=prefix or None, retry_config=retries)
+        self._store = S3Store(
+            bucket, prefix=prefix or None, retry_config={"max_retries": 4, "retry_timeout": PATIENCE}
+        )
 
     def read(self, key: str) -> bytes:
         """Return the bytes. Raises FileNotFoundError."""

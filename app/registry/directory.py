@@ -20,6 +20,7 @@ class Directory:
 
     def __init__(self, root: Path) -> None:
         self.root = root
+        self._durable: set[Path] = set()
 
     def read(self, key: str) -> bytes:
         """Return the bytes. Raises FileNotFoundError."""
@@ -67,13 +68,15 @@ class Directory:
             file.write(b"\0")
 
     def _prepare(self, folder: Path) -> None:
-        """Make a folder whose name is durable."""
-        if folder.is_dir():
+        """Make a folder whose name is durable, which of one that is there already nobody may have seen to."""
+        if folder in self._durable and folder.is_dir():
             return
         folder.mkdir(parents=True, exist_ok=True)
-        while folder != self.root.parent:
-            folder = folder.parent
-            _sync(folder)
+        within = folder
+        while within != self.root.parent:
+            within = within.parent
+            _sync(within)
+        self._durable.add(folder)
 
     def _files(self) -> Iterator[tuple[Path, os.stat_result]]:
         """Yield the files; those that go while one looks are left out."""

@@ -128,6 +128,18 @@ def test_what_was_lost_before_is_told_by_name(lab: Lab, new_lab: NewLab, tar: Pa
     assert found(other) == writers.told
 
 
+def test_it_may_be_restored_to_another_kind_of_store(
+    lab: Lab, new_lab: NewLab, tar: Path, s3_url: str
+) -> None:
+    writers = Writers(lab)
+    writers.version(0)
+    writers.demonstration(0)
+    back_up(lab, tar)
+    other = Lab(new_lab().database, Store(s3_url))
+    assert restore(other.database, other.store, tar) == Kept(2, ())
+    check(other)
+
+
 def test_a_lab_that_has_something_is_left_alone(lab: Lab, tar: Path) -> None:
     writers = Writers(lab)
     writers.version(0)
