@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from queue import SimpleQueue
 
 import numpy as np
 import pytest
@@ -28,16 +28,23 @@ from tests.serving import ROOT, Server, serving
 
 GOES_ON_S = 15.0
 """How soon another worker must have gone on with the job of one that was killed [s]."""
+PATIENCE_S = 60.0
 LEAVES_S = 3.0
 """How soon a worker that is asked to leave must be gone, and its job with another [s]."""
 
 
 @dataclass(frozen=True)
 class Worker:
-    """A worker's process, and the id by which the registry knows it."""
+    """A worker's process, the id by which the registry knows it, and what it says."""
 
     process: subprocess.Popen[str]
+    lines: SimpleQueue[str]
     id: str
+
+    def says(self, text: str) -> None:
+        """Wait until it says this."""
+        while text not in self.lines.get(timeout=PATIENCE_S):
+            pass
 
 
 @contextmanager
@@ -50,20 +57,27 @@ def worker_of(server: Server) -> Iterator[Worker]:
     command = [sys.executable, "-m", "app.cli", "worker", "--parent", str(os.getpid())]
     environment = {**os.environ, **settings}
     with (
-        server.log.open("a") as log,
+        server.log.with_name("workers.log").open("a") as log,
         subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True) as process,
     ):
-        assert process.stderr is not None
-        found = next(filter(None, (re.search(r"worker (\w+) is at work", line) for line in process.stderr)))
-        rest = threading.Thread(target=shutil.copyfileobj, args=(process.stderr, log))
-        rest.start()
+        lines = SimpleQueue[str]()
+
+        def listen() -> None:
+            for line in process.stderr or ():
+                log.write(line)
+                lines.put(line)
+
+        listening = threading.Thread(target=listen)
+        listening.start()
         try:
-            yield Worker(process, found[1])
+            while not (found := re.search(r"worker (\w+) is at work", lines.get(timeout=PATIENCE_S))):
+                pass
+            yield Worker(process, lines, found[1])
         finally:
             process.send_signal(signal.SIGCONT)
             process.terminate()
             process.wait(30)
-            rest.join()
+            listening.join()
 
 
 @pytest.fixture(params=["sqlite", "postgresql"], scope="module")
@@ -78,9 +92,11 @@ def server(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 @pytest.fixture
 def two(server: Server) -> Iterator[tuple[Worker, Worker]]:
-    """Two workers."""
+    """Two workers, which must have logged no traceback."""
     with ExitStack() as stack:
         yield stack.enter_context(worker_of(server)), stack.enter_context(worker_of(server))
+    said = server.log.with_name("workers.log").read_text()
+    assert "Traceback" not in said, said
 
 
 @pytest.fixture
@@ -103,7 +119,7 @@ def when(server: Server, job_id: str, holds: Callable[[JobRecord], bool]) -> Job
         watched = jobs.watch(Lab(server.database, server.store), job_id, asyncio.Event())
         return await anext(job async for job in watched if holds(job))
 
-    return asyncio.run(asyncio.wait_for(watch(), 60))
+    return asyncio.run(asyncio.wait_for(watch(), PATIENCE_S))
 
 
 def in_the_midst(
