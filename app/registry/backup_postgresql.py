@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 from app.registry import revisions
 from app.registry.backup_file import BackupReader, BackupWriter
 from app.registry.database import MIGRATION_LOCK, Database, migration_config
-from app.registry.errors import BackupInvalid
+from app.registry.errors import BackupInvalid, DatabaseUnavailable
 
 KIND = "postgresql"
 ENGINE_SCHEMA = "dbos"
@@ -112,11 +112,14 @@ def _tables(connection: Connection) -> Iterator[tuple[str, sa.Table]]:
 
 @contextmanager
 def _copying(connection: Connection, table: sa.Table, columns: list[str], way: str) -> Iterator[Any]:
-    """Give a copy of psycopg's: blocks to read, or to be written."""
+    """Give a copy of psycopg's: blocks to read, or to be written. Raises DatabaseUnavailable."""
     names = ", ".join(map(connection.dialect.identifier_preparer.quote, columns))
     cursor: Any = connection.connection.cursor()
-    with cursor, cursor.copy(f"COPY {_quoted(connection, table)} ({names}) {way}") as copy:
-        yield copy
+    try:
+        with cursor, cursor.copy(f"COPY {_quoted(connection, table)} ({names}) {way}") as copy:
+            yield copy
+    except connection.dialect.loaded_dbapi.OperationalError as error:
+        raise DatabaseUnavailable(str(error)) from error
 
 
 def _quoted(connection: Connection, table: sa.Table) -> str:

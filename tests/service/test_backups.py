@@ -10,6 +10,7 @@ import sqlalchemy as sa
 from alembic import command
 
 from app.registry import models, revisions, tables, versions
+from app.registry.backup_file import BackupWriter
 from app.registry.database import NEWEST, Database, migration_config
 from app.registry.errors import BackupInvalid, DatabaseUnavailable, NotEmpty, StoreUnavailable
 from app.registry.store import Store, digest_of
@@ -211,6 +212,30 @@ def test_a_database_without_tables_has_no_backup(new_lab: NewLab, tar: Path) -> 
     with pytest.raises(DatabaseUnavailable):
         back_up(new_lab(), tar)
     assert list(tar.parent.glob("*backup*")) == []
+
+
+def test_a_database_that_goes_away_in_the_midst_leaves_no_part_of_a_backup(
+    postgresql_database_url: str, tmp_path: Path, tar: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab = Lab(Database(postgresql_database_url), Store(tmp_path / "store"))
+    lab.database.migrate()
+    Writers(lab).version(0)
+    everybody = (
+        "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
+        "WHERE datname = current_database() AND pid <> pg_backend_pid()"
+    )
+
+    def goes_away(*_: object) -> None:
+        with lab.database.engine.connect() as connection:
+            connection.execute(sa.text(everybody))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(BackupWriter, "add", goes_away)
+        with pytest.raises(DatabaseUnavailable):
+            back_up(lab, tar)
+    assert not [path for path in tmp_path.iterdir() if "backup" in path.name]
+    back_up(lab, tar)
+    lab.close()
 
 
 def test_a_backup_of_the_other_kind_or_of_a_newer_gesta_is_refused(
