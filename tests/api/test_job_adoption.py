@@ -17,8 +17,11 @@ from queue import SimpleQueue
 
 import numpy as np
 import pytest
+from dbos import DBOSClient
 
-from app.client import GestaClient
+from app.client import GestaClient, trajectory
+from app.motion.model import Model
+from app.motion.simulation import recording
 from app.motion.trajectory import Demonstration
 from app.registry.records import JobRecord
 from app.service import jobs
@@ -93,10 +96,11 @@ def server(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 @pytest.fixture
 def two(server: Server) -> Iterator[tuple[Worker, Worker]]:
     """Two workers, which must have logged no traceback."""
+    log = server.log.with_name("workers.log")
+    log.unlink(missing_ok=True)
     with ExitStack() as stack:
         yield stack.enter_context(worker_of(server)), stack.enter_context(worker_of(server))
-    said = server.log.with_name("workers.log").read_text()
-    assert "Traceback" not in said, said
+    assert "Traceback" not in log.read_text(), log.read_text()
 
 
 @pytest.fixture
@@ -190,3 +194,29 @@ def test_a_worker_that_is_asked_to_leave_hands_its_job_over(
     assert took < LEAVES_S + 1.0
     assert client.result(job_id) == {"model": plenty, "version": 1}
     assert versions_of(client, plenty) == [(1, job_id)]
+
+
+def test_a_workflow_that_is_over_before_its_job_begins_anew(
+    client: GestaClient, server: Server, plenty: str
+) -> None:
+    with worker_of(server) as worker:
+        job_id, *_ = in_the_midst(client, server, plenty, (worker, worker))
+        behind = DBOSClient(system_database_url=server.database.engine_url)
+        behind.cancel_workflow(job_id)
+        behind.destroy()
+        ended = when(server, job_id, lambda job: job.finished)
+    assert (ended.state, ended.attempt) == ("succeeded", 2)
+    assert versions_of(client, plenty) == [(1, job_id)]
+
+
+def test_an_archive_is_shared(
+    client: GestaClient, server: Server, trained: Model, two: tuple[Worker, Worker]
+) -> None:
+    model, motion = server.teach(trained), recording(41, 12).trajectory
+    sent = trajectory(motion.times, motion.hand, motion.objects)
+    archive = [client.segment(model, 1, sent, as_job=True)["id"] for _ in range(12)]
+    [first, *others] = [client.result(job_id) for job_id in archive]
+    assert all(other == first for other in others)
+    ended = [when(server, job_id, lambda job: job.finished) for job_id in archive]
+    assert {job.worker for job in ended} == {worker.id for worker in two}
+    assert {job.attempt for job in ended} == {1}
