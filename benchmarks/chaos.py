@@ -43,6 +43,9 @@ moved to and fro twenty times a second. At a random moment something is killed w
 when all streams have got on, the next round begins. All clients go on by themselves and write down what \
 they are told.
 
+Every other {an_act} rounds have two servers on the database, and a client may resume at either. A worker \
+that is paused wakes four rounds later, when the other has long gone on with its job.
+
 After every {an_act} rounds everything comes to its end and is compared: with what the server has then, and \
 with the same motion through the recogniser undisturbed, event by event and bit by bit. *Lost*, *doubled* \
 and *contradicted* count segments, events, frames, versions, demonstrations, jobs and moves of aliases; \
@@ -52,11 +55,11 @@ of a resumed session, for every client that was cut off.
 
 
 def run(kind: str, n_rounds: int, seed: int, keep: Path) -> Part:
-    """Play an act on a new database; where it shows a fault its files are kept."""
+    """Play an act on a new database, of odd seeds with two servers; files that show a fault are kept."""
     with ExitStack() as stack:
         folder = Path(tempfile.mkdtemp(prefix="gesta-chaos-"))
         postgres = stack.enter_context(postgresql()) if kind == "postgresql" else None
-        with housing(folder, postgres) as house:
+        with housing(folder, postgres, n_servers=1 + seed % 2, n_workers=2) as house:
             act = play(house, kind, n_rounds, seed)
     if act.faults:
         shutil.copytree(folder, keep / f"{kind}-{seed}", dirs_exist_ok=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Self
@@ -14,11 +15,11 @@ from tests.talking import Message
 
 RETRY_S = 0.05
 PATIENCE_S = 60.0
-"""How long an answer is waited for [s]."""
+"""How long an answer is waited for, and asked for again and again [s]."""
 
 
 class Refused(Exception):
-    """The server has refused what it should take."""
+    """The server has refused what it should take, or cannot work for longer than a client waits."""
 
 
 class Left(Exception):
@@ -28,10 +29,11 @@ class Left(Exception):
 class Caller:
     """Asks the server that ``url()`` names, again where it is away or says that it cannot work."""
 
-    def __init__(self, url: Callable[[], str], leaving: threading.Event | None = None) -> None:
-        self._url, self._leaving = url, leaving or threading.Event()
+    def __init__(
+        self, url: Callable[[], str], leaving: threading.Event | None = None, patience: float = PATIENCE_S
+    ) -> None:
+        self._url, self._leaving, self.patience = url, leaving or threading.Event(), patience
         self._http = httpx.Client(timeout=PATIENCE_S)
-        self.asked_again = 0
 
     def __enter__(self) -> Self:
         return self
@@ -47,22 +49,24 @@ class Caller:
         self, method: str, path: str, body: Any = None, headers: Mapping[str, str] | None = None
     ) -> Message:
         """Return the answer of ``/v1{path}``, however often it has to be asked for. Raises Refused, Left."""
-        while True:
+        until, heard = time.monotonic() + self.patience, ""
+        while time.monotonic() < until:
             try:
                 answer = self._http.request(
                     method, self._address(path), json=body, headers=dict(headers or {})
                 )
-            except httpx.TransportError:
-                pass
+            except httpx.TransportError as error:
+                heard = repr(error)
             else:
                 if answer.status_code < 400:
                     told: Message = answer.json() if answer.content else {}
                     return told
+                heard = f"{answer.status_code} {answer.text}"
                 if answer.status_code < 500:
-                    raise Refused(f"{method} {path}: {answer.status_code} {answer.text}")
-            self.asked_again += 1
+                    break
             if self._leaving.wait(RETRY_S):
                 raise Left
+        raise Refused(f"{method} {path}: {heard}")
 
     @contextmanager
     def stream(self, path: str, headers: Mapping[str, str], silence: float) -> Iterator[httpx.Response]:

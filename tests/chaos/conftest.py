@@ -12,8 +12,8 @@ from tests.chaos.rounds import register
 
 @pytest.fixture(scope="module")
 def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
-    """A service on SQLite that knows the model of the streams; the tests of a module share it."""
-    with housing(tmp_path_factory.mktemp("house")) as built:
+    """Two servers on SQLite that know the model of the streams; the tests of a module share them."""
+    with housing(tmp_path_factory.mktemp("house"), n_servers=2) as built:
         register(built)
         yield built
 

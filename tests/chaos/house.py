@@ -27,6 +27,7 @@ from app.registry.store import Store
 from tests.serving import ROOT
 
 START_S, STOP_S, POLL_S = 60.0, 30.0, 0.01
+GESTA = (sys.executable, "-m", "app.cli")
 PORTS = range(20_000, 32_000)
 """Where no client's own end of a connection may happen to be."""
 
@@ -38,9 +39,9 @@ class Process:
         self._command, self._environment, self._log = command, environment, log
         self.start()
 
-    def start(self, *wrapper: str) -> None:
-        """Start it, with another command before its own words (``python -m app.cli`` by default)."""
-        words = [*(wrapper or (sys.executable, "-m", "app.cli")), *self._command]
+    def start(self, *gesta: str) -> None:
+        """Start it; gesta: what stands in place of GESTA."""
+        words = [*(gesta or GESTA), *self._command]
         with self._log.open("ab") as log:
             self.running = subprocess.Popen(
                 words, cwd=ROOT, env={**os.environ, **self._environment}, stdout=log, stderr=log
@@ -54,6 +55,11 @@ class Process:
         """Kill it with -9."""
         self.running.kill()
         self.running.wait()
+
+    def restart(self, *gesta: str) -> None:
+        """Kill it and start it again."""
+        self.kill()
+        self.start(*gesta)
 
     def stop(self) -> int:
         """Let it end in order; return its exit code."""
@@ -115,6 +121,15 @@ class Postgres:
         self._running.kill()
         self._running.wait()
 
+    @contextmanager
+    def away(self) -> Iterator[None]:
+        """Have it killed for as long as the block lasts."""
+        self.kill()
+        try:
+            yield
+        finally:
+            self.start()
+
     def stop(self) -> None:
         """Let it end, without waiting for its clients."""
         self._running.send_signal(signal.SIGINT)
@@ -132,11 +147,12 @@ def _children(process: int) -> Iterator[int]:
 class House:
     """A service: servers and a worker on a database and a store."""
 
+    folder: Path
     database: Database
     store: Store
     servers: list[Process]
     ports: list[int]
-    worker: Process
+    workers: list[Process]
     postgres: Postgres | None
     rng: random.Random = field(default_factory=random.Random)
 
@@ -160,29 +176,29 @@ def housing(
     folder: Path,
     postgres: Postgres | None = None,
     n_servers: int = 1,
-    store: Path | None = None,
+    n_workers: int = 1,
     **settings: Any,
 ) -> Iterator[House]:
     """Run a service with its files in ``folder``; at the end all of it is stopped."""
     folder.mkdir(parents=True, exist_ok=True)
     url = f"sqlite:///{folder / 'gesta.db'}" if postgres is None else postgres.new_database()
-    given = {"database_url": url, "store_url": store or folder / "store", "job_worker": "none", **settings}
+    given = {"database_url": url, "store_url": folder / "store", "job_worker": "none", **settings}
     environment = {f"GESTA_{name.upper()}": str(value) for name, value in given.items()}
     database, ports = Database(url), [free_port() for _ in range(n_servers)]
     database.migrate()
     worker = ["worker", "--parent", str(os.getpid())]
-    processes = [
+    servers = [
         Process(["serve", "--port", str(port)], environment, folder / f"server-{number}.log")
         for number, port in enumerate(ports)
     ]
-    processes.append(Process(worker, environment, folder / "worker.log"))
-    house = House(database, Store(store or folder / "store"), processes[:-1], ports, processes[-1], postgres)
+    workers = [Process(worker, environment, folder / f"worker-{number}.log") for number in range(n_workers)]
+    house = House(folder, database, Store(folder / "store"), servers, ports, workers, postgres)
     try:
         for number in range(n_servers):
             house.await_ready(number)
         yield house
     finally:
-        for process in processes:
+        for process in (*servers, *workers):
             process.stop()
         database.close()
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 
 from app.motion.model import Model
-from tests.chaos.caller import Caller
+from tests.chaos.caller import Caller, Refused
 from tests.chaos.reader import heard
 from tests.chaos.teacher import Mover, Teacher, as_sent
 from tests.chaos.told import Fault, Kind, Told
@@ -28,8 +28,10 @@ class Judge:
     def of_session(self, told: Told) -> Iterator[Fault]:
         """Find what a session has lost, or has twice; of one that has not ended only the beginning counts."""
         yield from told.faults
-        if not told.session_id:
-            return
+        if told.session_id:
+            yield from _heeded("session", self._of_session(told))
+
+    def _of_session(self, told: Told) -> Iterator[Fault]:
         truth = self._truth(told)
         if not told.ended:
             yield from differing("event", told.session_id, told.events, truth[: len(told.events)])
@@ -67,7 +69,10 @@ class Judge:
 
     def of_teacher(self, teacher: Teacher) -> Iterator[Fault]:
         """Find demonstrations, jobs and versions that are missing, or there twice."""
-        yield from self._of_demonstrations(teacher)
+        yield from _heeded("demonstration", self._of_demonstrations(teacher))
+        yield from _heeded("version", self._of_versions(teacher))
+
+    def _of_versions(self, teacher: Teacher) -> Iterator[Fault]:
         jobs = {job["id"]: job for job in self._caller.pages(f"/jobs?model={teacher.model}", "jobs")}
         yield from (Fault("lost", "job", each) for each in teacher.jobs if each not in jobs)
         if len(jobs) > len(teacher.jobs) + teacher.unsure:
@@ -95,8 +100,10 @@ class Judge:
 
     def of_moves(self, mover: Mover) -> Iterator[Fault]:
         """Find moves of an alias that are missing, there twice, or out of order."""
-        if not mover.moves:
-            return
+        if mover.moves:
+            yield from _heeded("alias move", self._of_moves(mover))
+
+    def _of_moves(self, mover: Mover) -> Iterator[Fault]:
         path = f"/models/{mover.model}/aliases/{mover.alias}/history"
         found = [move["version"] for move in self._caller.pages(path, "history")][::-1]
         if found != [*mover.moves, mover.unsure]:
@@ -111,6 +118,14 @@ class Judge:
             counts = {"segments": segments, "frames": len(told.motion)}
             self._truths[key] = [*events, {"type": "ended", "event": len(events), **counts}]
         return self._truths[key]
+
+
+def _heeded(of: str, found: Iterator[Fault]) -> Iterator[Fault]:
+    """Yield what is found, and where the server knows nothing of what is asked for, that."""
+    try:
+        yield from found
+    except Refused as refusal:
+        yield Fault("lost", of, str(refusal))
 
 
 def _of_job(job: Message, made: Sequence[int], told: int | None) -> Iterator[Fault]:

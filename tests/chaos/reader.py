@@ -18,8 +18,14 @@ SILENCE_S = 20.0
 
 
 def heard(caller: Caller, session_id: str) -> list[Message]:
-    """Return all durable events of a session that has ended."""
-    return list(listening(caller, session_id, threading.Event()))
+    """Return the durable events of a session that has ended, as far as they come in reasonable time."""
+    leaving = threading.Event()
+    timer = threading.Timer(caller.patience, leaving.set)
+    timer.start()
+    try:
+        return list(listening(caller, session_id, leaving))
+    finally:
+        timer.cancel()
 
 
 def listening(caller: Caller, session_id: str, leaving: threading.Event) -> Iterator[Message]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import signal
 import threading
 import time
 import traceback
@@ -19,7 +20,7 @@ from app.motion.trajectory import Trajectory
 from app.registry import models, versions
 from app.registry.artifacts import dump_model
 from tests.chaos.caller import Caller
-from tests.chaos.house import House
+from tests.chaos.house import House, Process
 from tests.chaos.judge import Judge
 from tests.chaos.reader import listen
 from tests.chaos.streamer import Habits, Pulse, Streamer
@@ -43,9 +44,22 @@ BACK_S = 30.0
 QUIET_S = (0.0, 0.8)
 """Shortest and longest time from when all clients are back to the next kill [s]."""
 
+STARTING_S = (0.3, 1.5)
+"""How long after its start a server is killed once more, ready or not."""
+
+ASLEEP = 4
+"""For so many rounds a worker is paused: longer than it takes to be given up for dead."""
+
 VICTIMS = {
-    "sqlite": {"server": 0.6, "worker": 0.2, "server and worker": 0.2},
-    "postgresql": {"server": 0.4, "worker": 0.15, "postgres": 0.3, "all": 0.15},
+    "sqlite": {"server": 0.5, "server, twice": 0.1, "worker": 0.15, "worker, paused": 0.1, "all": 0.15},
+    "postgresql": {
+        "server": 0.35,
+        "server, twice": 0.1,
+        "worker": 0.1,
+        "worker, paused": 0.1,
+        "postgres": 0.2,
+        "all": 0.15,
+    },
 }
 """What is killed, and with what chance."""
 
@@ -202,34 +216,45 @@ class Cast:
 
 
 def play(house: House, kind: str, n_rounds: int, seed: int) -> Act:
-    """Play some rounds in a house that has just been built, and judge them."""
+    """Play some rounds in a house that has just been built, and judge them.
+
+    Before that all is killed once more: what counts is what is kept, not what a process remembers.
+    """
     act, rng = Act(), random.Random(seed)  # noqa: S311 (chance, no secret)
+    asleep: dict[int, Process] = {}
     register(house)
     with Cast(house, seed) as cast:
         act.faults += cast.await_back(0.0)
-        for _ in range(n_rounds):
+        for number in range(n_rounds):
+            if number in asleep:
+                asleep.pop(number).send(signal.SIGCONT)
             (victim,) = rng.choices(list(VICTIMS[kind]), list(VICTIMS[kind].values()))
             time.sleep(rng.uniform(*QUIET_S))
             struck = time.monotonic()
+            if victim == "worker, paused":
+                asleep[number + ASLEEP] = rng.choice(house.workers)
+                asleep[number + ASLEEP].send(signal.SIGSTOP)
             ready = strike(house, victim, rng)
             act.faults += cast.await_back(max(struck, ready))
-            act.rounds[victim] += 1
+            act.rounds[victim if len(house.servers) == 1 else f"{victim} (two servers)"] += 1
             act.resumed += cast.resumed(struck, ready)
+        for process in asleep.values():
+            process.send(signal.SIGCONT)
+    strike(house, "all", rng)
     with Caller(house.url) as caller:
         judge(Judge(caller, taught()), cast, act)
     return act
 
 
 def strike(house: House, victim: str, rng: random.Random) -> float:
-    """Kill, start again; return when the service was ready."""
-    struck = rng.randrange(len(house.servers))
+    """Kill, start again; return when all servers were ready."""
+    server = rng.choice(house.servers)
     processes = {
-        "server": [house.servers[struck]],
-        "worker": [house.worker],
-        "server and worker": [house.servers[struck], house.worker],
+        "worker": [rng.choice(house.workers)],
+        "worker, paused": [],
         "postgres": [],
-        "all": [*house.servers, house.worker],
-    }[victim]
+        "all": [*house.servers, *house.workers],
+    }.get(victim, [server])
     postgres = house.postgres if victim in ("postgres", "all") else None
     if postgres is not None:
         postgres.kill()
@@ -239,8 +264,11 @@ def strike(house: House, victim: str, rng: random.Random) -> float:
         postgres.start()
     for process in processes:
         process.start()
-    waited = range(len(house.servers)) if postgres is not None else [struck]
-    return max(house.await_ready(number) for number in waited)
+    if victim == "server, twice":
+        time.sleep(rng.uniform(*STARTING_S))
+        server.kill()
+        server.start()
+    return max(house.await_ready(number) for number in range(len(house.servers)))
 
 
 def judge(court: Judge, cast: Cast, act: Act) -> None:

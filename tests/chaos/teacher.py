@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import count
 
 from app.client import trajectory
@@ -52,7 +52,7 @@ class Teacher:
 
     def __init__(self, caller: Caller, seed: int, model: str = "lessons") -> None:
         self._caller, self.model = caller, model
-        self._shown = _batches(seed)
+        self._shown = batches(seed)
         self.demonstrations: dict[str, Demonstration] = {}
         """Acknowledged, by id."""
         self.jobs: dict[str, int | None] = {}
@@ -89,9 +89,7 @@ class Teacher:
             self.promoted.move(job["result"]["version"])
 
     def _upload(self, batch: list[Demonstration]) -> list[str]:
-        sent = [{"action": each.action, "trajectory": as_sent(each.trajectory)} for each in batch]
-        body = {"geometry": METRES, "demonstrations": sent}
-        answer = self._caller.insist("POST", f"/models/{self.model}/demonstrations", body)
+        answer = self._caller.insist("POST", f"/models/{self.model}/demonstrations", upload_of(batch))
         return [*answer["created"], *answer["duplicates"]]
 
     def _train(self, ids: list[str]) -> Message:
@@ -109,7 +107,13 @@ def as_sent(motion: Trajectory) -> Message:
     return trajectory(motion.times, motion.hand, motion.objects)
 
 
-def _batches(seed: int) -> Iterator[list[Demonstration]]:
+def upload_of(batch: Sequence[Demonstration]) -> Message:
+    """Return the body of an upload."""
+    sent = [{"action": each.action, "trajectory": as_sent(each.trajectory)} for each in batch]
+    return {"geometry": METRES, "demonstrations": sent}
+
+
+def batches(seed: int) -> Iterator[list[Demonstration]]:
     """Yield uploads, no demonstration twice."""
     for pool in count(1000 * seed):
         shown = demonstrations(pool)

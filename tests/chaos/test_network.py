@@ -69,7 +69,7 @@ def test_frames_twice_and_too_early(house: House) -> None:
 
 
 def test_two_fight_for_a_session(house: House) -> None:
-    """Each comes back as soon as it is thrown out; both hear the same."""
+    """Each comes back as soon as it is thrown out, at either server; both hear the same."""
     told = Told(short_motion(0, 30))
     with streaming(house.url, [(told, Habits(pace=2000))]):
         await_that(lambda: told.session_id)
