@@ -14,6 +14,7 @@ import obstore
 from obstore.exceptions import BaseError
 from obstore.store import S3Store
 
+from app.registry.errors import InvalidUrl
 from app.registry.objects import Item
 
 PATIENCE = timedelta(seconds=20)
@@ -21,12 +22,15 @@ PATIENCE = timedelta(seconds=20)
 
 
 class Bucket:
-    """Objects under a prefix of a bucket; see ``Objects``."""
+    """Objects under a prefix of a bucket; see ``Objects``. Raises InvalidUrl if the variables are wrong."""
 
     def __init__(self, bucket: str, prefix: str) -> None:
-        self._store = S3Store(
-            bucket, prefix=prefix or None, retry_config={"max_retries": 4, "retry_timeout": PATIENCE}
-        )
+        try:
+            self._store = S3Store(
+                bucket, prefix=prefix or None, retry_config={"max_retries": 4, "retry_timeout": PATIENCE}
+            )
+        except BaseError as error:
+            raise InvalidUrl(f"the store cannot use its AWS_… variables: {_first_line(error)}") from error
 
     def read(self, key: str) -> bytes:
         """Return the bytes. Raises FileNotFoundError."""
@@ -75,4 +79,8 @@ def _as_os_errors() -> Iterator[None]:
             raise OSError("there is no such bucket") from error
         raise
     except BaseError as error:
-        raise OSError(str(error).partition("\n")[0]) from error
+        raise OSError(_first_line(error)) from error
+
+
+def _first_line(error: BaseError) -> str:
+    return str(error).partition("\n")[0]

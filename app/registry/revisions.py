@@ -13,9 +13,11 @@ from app.registry.errors import DatabaseUnavailable, NotEmpty
 
 def current(tx: Session) -> str:
     """Return the revision that the tables are of. Raises DatabaseUnavailable where there are none."""
-    if not sa.inspect(tx.connection()).has_table("alembic_version"):
+    there = sa.inspect(tx.connection()).has_table("alembic_version")
+    found = tx.scalar(sa.text("SELECT version_num FROM alembic_version")) if there else None
+    if found is None:
         raise DatabaseUnavailable("there are no tables of Gesta's in it")
-    return str(tx.scalar(sa.text("SELECT version_num FROM alembic_version")))
+    return str(found)
 
 
 def known(revision: str) -> bool:

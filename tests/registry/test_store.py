@@ -176,6 +176,12 @@ def test_an_s3_server_that_is_away_is_no_missing_artifact(
             use()
 
 
+def test_variables_that_are_wrong_are_told(s3_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AWS_CHECKSUM_ALGORITHM", "none at all")
+    with pytest.raises(InvalidUrl, match="none at all"):
+        Store(s3_url)
+
+
 def test_a_prefix_is_a_store_of_its_own(s3_url: str) -> None:
     digest = Store(s3_url).put(b"content")
     with pytest.raises(ArtifactMissing):
