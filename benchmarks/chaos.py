@@ -49,8 +49,8 @@ that is paused wakes four rounds later, when the other has long gone on with its
 After every {an_act} rounds everything comes to its end and is compared: with what the server has then, and \
 with the same motion through the recogniser undisturbed, event by event and bit by bit. *Lost*, *doubled* \
 and *contradicted* count segments, events, frames, versions, demonstrations, jobs and moves of aliases; \
-*refused* is an answer that a client had not deserved. Resume: from the first 200 of `/readyz` to the answer \
-of a resumed session, for every client that was cut off.
+*refused* is an answer that a client had not deserved. Resume: from the first 200 of `/readyz`, or where \
+another server is there from the kill, to the answer of a resumed session, for every client that was cut off.
 """
 
 

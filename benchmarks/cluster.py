@@ -12,6 +12,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -186,11 +187,8 @@ def fell(running: Cluster) -> tuple[float, float]:
     for server in running.servers:
         server.wait()
         server.start()
-    running.servers[0].await_answer()
-    ready = time.monotonic()
-    for server in running.servers:
-        server.await_answer()
-    return killed, ready
+    with ThreadPoolExecutor() as pool:
+        return killed, min(pool.map(Part.await_answer, running.servers))
 
 
 def _taught(client: GestaClient) -> Model:
@@ -240,7 +238,7 @@ def section(found: Found) -> tuple[str, list[page.Goal]]:
         for title, waits in (
             ("pause of a client, rolling restart", found.rolling_pauses),
             ("pause of a client, all servers killed", found.killed_pauses),
-            ("back, after a killed server is ready", found.returns),
+            ("back, after one of the killed is ready", found.returns),
         )
     ]
     n, longest, back = found.n_clients, max(found.rolling_pauses), max(found.returns)

@@ -83,13 +83,13 @@ class Part:
         except subprocess.TimeoutExpired:
             self.kill()
 
-    def await_answer(self, path: str = "/readyz") -> None:
-        """Wait until it answers well, at ``url``."""
+    def await_answer(self, path: str = "/readyz") -> float:
+        """Wait until it answers well, at ``url``; return when that was, by the monotonic clock [s]."""
         deadline = time.monotonic() + START_S
         while time.monotonic() < deadline:
             try:
                 if httpx.get(self.url + path, timeout=START_S).is_success:
-                    return
+                    return time.monotonic()
             except httpx.TransportError:
                 pass
             if self.process is None or self.process.poll() is not None:

@@ -60,7 +60,6 @@ class Dispatcher:
 
     def forget(self) -> None:
         """Begin anew after a time in which nothing could be seen."""
-        self._pulses.forget()
         self._seen = ()
         self._suspected.clear()
 

@@ -8,6 +8,7 @@ no harm when it wakes: what it took on has a later attempt by then.
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
@@ -21,6 +22,8 @@ from app.service.lab import Lab
 BEAT_S = 1.0
 DEAD_S = 6.0
 """How long a living worker may not beat [s]: a kernel that lets no other thread run, a slow disk."""
+COUNTS_S = 1.5
+"""How much of the time between two looks counts at most [s]."""
 
 log = logging.getLogger(__name__)
 
@@ -56,20 +59,17 @@ class Heart:
 
 
 class Pulses:
-    """The beats of all workers as one of them sees them."""
+    """The beats of all workers as one of them sees them; a time in which it could not look counts little."""
 
     def __init__(self) -> None:
         self._seen: dict[str, tuple[int, float]] = {}
+        self._looked = math.inf
 
     def dead(self, beats: Mapping[str, int], now: float) -> set[str]:
         """Return whose beats have stood still for too long; now: of a monotonic clock [s]."""
-        known = self._seen
-        self._seen = {
-            id_: known[id_] if id_ in known and known[id_][0] == number else (number, now)
-            for id_, number in beats.items()
-        }
-        return {id_ for id_, (_, since) in self._seen.items() if now - since > DEAD_S}
-
-    def forget(self) -> None:
-        """Begin anew: for a while nobody could beat."""
-        self._seen.clear()
+        passed = min(max(now - self._looked, 0.0), COUNTS_S)
+        known, self._seen, self._looked = self._seen, {}, now
+        for id_, number in beats.items():
+            before, still = known.get(id_, (None, 0.0))
+            self._seen[id_] = (number, still + passed if number == before else 0.0)
+        return {id_ for id_, (_, still) in self._seen.items() if still > DEAD_S}

@@ -88,8 +88,7 @@ def test_the_newest_connection_has_the_session_on_whatever_server(
         former: Talk | None = None
         for server, (start, stop) in zip(cycle(servers), pairwise(cuts), strict=False):
             talk = stack.enter_context(talking(server))
-            resume = {"resume": resuming(started, last(told))} if started else {}
-            again = talk.start(**resume)
+            again = talk.start(resume=resuming(started, last(told)) if started else None)
             started = started or again
             assert again["next_seq"] == start
             if former is not None:

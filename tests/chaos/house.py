@@ -112,23 +112,21 @@ class Postgres:
             time.sleep(POLL_S)
         return False
 
+    def freeze(self) -> None:
+        """Stop it and all its processes: they are there, and say nothing."""
+        self._send(signal.SIGSTOP)
+
     def kill(self) -> None:
         """Kill it and all its processes with -9."""
-        self._running.send_signal(signal.SIGSTOP)
-        for process in _children(self._running.pid):
-            with suppress(ProcessLookupError):
-                os.kill(process, signal.SIGKILL)
-        self._running.kill()
+        self.freeze()
+        self._send(signal.SIGKILL)
         self._running.wait()
 
-    @contextmanager
-    def away(self) -> Iterator[None]:
-        """Have it killed for as long as the block lasts."""
-        self.kill()
-        try:
-            yield
-        finally:
-            self.start()
+    def _send(self, number: signal.Signals) -> None:
+        self._running.send_signal(number)
+        for process in _children(self._running.pid):
+            with suppress(ProcessLookupError):
+                os.kill(process, number)
 
     def stop(self) -> None:
         """Let it end, without waiting for its clients."""

@@ -237,7 +237,8 @@ def play(house: House, kind: str, n_rounds: int, seed: int) -> Act:
             ready = strike(house, victim, rng)
             act.faults += cast.await_back(max(struck, ready))
             act.rounds[victim if len(house.servers) == 1 else f"{victim} (two servers)"] += 1
-            act.resumed += cast.resumed(struck, ready)
+            elsewhere = len(house.servers) > 1 and victim in ("server", "server, twice")
+            act.resumed += cast.resumed(struck, struck if elsewhere else ready)
         for process in asleep.values():
             process.send(signal.SIGCONT)
     strike(house, "all", rng)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import pytest
 
@@ -15,25 +16,16 @@ from tests.chaos.told import Told
 ENCODINGS = ("json", "f64")
 
 
-def drawn(seed: int, n_bad: int, **kinds: tuple[int, int]) -> list[Weather]:
-    """Return the weather of the first connections; kinds: after how many bytes at least and at most."""
-    rng = random.Random(seed)  # noqa: S311 (chance, no secret)
-    ways = [rng.choice(("server", "client")) for _ in range(n_bad)]
+def both(habits: Habits) -> list[tuple[Told, Habits]]:
+    """Return two sessions to stream, one in either encoding."""
     return [
-        Weather(deaf=way, **{kind: rng.randint(*span) for kind, span in kinds.items()})  # type: ignore[arg-type]
-        for way in ways
-    ]
-
-
-def both(**habits: float) -> list[tuple[Told, Habits]]:
-    return [
-        (Told(short_motion(seed)), Habits(encoding=encoding, **habits))  # type: ignore[arg-type]
+        (Told(short_motion(seed)), replace(habits, encoding=encoding))
         for seed, encoding in enumerate(ENCODINGS)
     ]
 
 
 def held(house: House, weather: list[Weather], otherwise: Weather, every: list[tuple[Told, Habits]]) -> None:
-    """Stream through the weather, and on each session find nothing wrong."""
+    """Stream through the weather of the first connections and of those after, and find nothing wrong."""
     with (
         proxied(
             house.ports[0], lambda number: weather[number] if number < len(weather) else otherwise
@@ -45,25 +37,27 @@ def held(house: House, weather: list[Weather], otherwise: Weather, every: list[t
 
 
 def test_resets(house: House) -> None:
-    every = both(pace=2000)
-    held(house, drawn(1, 12, reset=(1500, 40_000)), FAIR, every)
+    rng = random.Random(1)  # noqa: S311 (chance, no secret)
+    weather = [Weather(reset=rng.randint(1500, 40_000)) for _ in range(12)]
+    every = both(Habits(pace=2000.0))
+    held(house, weather, FAIR, every)
     assert sum(told.resumed for told, _ in every) >= 6
 
 
 def test_slices_and_delays(house: House) -> None:
-    held(house, [], Weather(slices=40, wait=0.02), both(pace=1500))
+    held(house, [], Weather(slices=40, wait=0.02), both(Habits(pace=1500.0)))
 
 
 @pytest.mark.parametrize("deaf", ["server", "client"])
 def test_half_open(house: House, deaf: str) -> None:
     """One way nothing passes any more, and neither end is told."""
-    every = both(pace=2000, patience=0.7)
+    every = both(Habits(pace=2000.0, patience=0.7))
     held(house, [Weather(silence=size, deaf=deaf) for size in (9000, 700, 3000, 20_000)], FAIR, every)
     assert sum(told.resumed for told, _ in every) >= 2
 
 
 def test_frames_twice_and_too_early(house: House) -> None:
-    every = both(again=0.5, ahead=0.03, pace=2000)
+    every = both(Habits(again=0.5, ahead=0.03, pace=2000.0))
     held(house, [], FAIR, every)
     assert sum(told.closings[4400] for told, _ in every) >= 2
 
@@ -71,9 +65,9 @@ def test_frames_twice_and_too_early(house: House) -> None:
 def test_two_fight_for_a_session(house: House) -> None:
     """Each comes back as soon as it is thrown out, at either server; both hear the same."""
     told = Told(short_motion(0, 30))
-    with streaming(house.url, [(told, Habits(pace=2000))]):
+    with streaming(house.url, [(told, Habits(pace=2000.0))]):
         await_that(lambda: told.session_id)
-        with streaming(house.url, [(told, Habits(pace=2000, encoding="json"))]):
+        with streaming(house.url, [(told, Habits(pace=2000.0, encoding="json"))]):
             pass
     assert faults(house, [told]) == []
     assert told.closings[4409] >= 4

@@ -161,13 +161,21 @@ def test_sqlite_is_locked_by_another(house: House) -> None:
 
 
 def test_postgresql_is_away(tmp_path: Path, mortal_postgresql: Postgres) -> None:
+    """First it says nothing, then it is not there."""
     with housing(tmp_path, mortal_postgresql) as house:
         register(house)
         with midway(house) as told:
-            with mortal_postgresql.away():
+            mortal_postgresql.freeze()
+            try:
+                durable = nothing_more_durable(told, AWAY_S / 2)
+            finally:
+                mortal_postgresql.kill()
+            try:
                 assert uploaded(house)[1].startswith("database_unavailable")
                 assert not ready(house)
-                durable = nothing_more_durable(told, AWAY_S)
+                assert nothing_more_durable(told, AWAY_S / 2) == durable
+            finally:
+                mortal_postgresql.start()
             await_that(lambda: told.durable > durable)
             house.await_ready()
         all_goes_on(house)

@@ -8,28 +8,34 @@ import pytest
 
 from app.registry.errors import DatabaseUnavailable
 from app.service import patience
+from app.service.dispatch import LOOK_S
 from app.service.patience import Leaving, patiently
 from app.service.vigil import DEAD_S, Pulses
 
-STILL = DEAD_S + 0.1
+N_LOOKS = int(DEAD_S / LOOK_S)
 
 
 def test_whose_beats_stand_still_is_dead() -> None:
-    pulses = Pulses()
-    assert pulses.dead({"one": 7, "two": 1}, 100.0) == set()
-    assert pulses.dead({"one": 8, "two": 1}, 100.0 + DEAD_S) == set()
-    assert pulses.dead({"one": 8, "two": 1}, 100.0 + STILL) == {"two"}
-    assert pulses.dead({"one": 8}, 101.0 + DEAD_S) == set()
-    assert pulses.dead({"one": 9, "two": 1}, 100.0 + 2 * STILL) == set(), "two is new"
+    pulses, now = Pulses(), 100.0
+    for look in range(N_LOOKS + 1):
+        assert pulses.dead({"one": look, "two": 1}, now) == set()
+        now += LOOK_S
+    assert pulses.dead({"one": N_LOOKS, "two": 1}, now) == {"two"}
+    assert pulses.dead({"one": N_LOOKS}, now + LOOK_S) == set()
+    assert pulses.dead({"one": N_LOOKS, "two": 1}, now + 2 * LOOK_S) == set(), "two is new"
+    for look in range(3, N_LOOKS):
+        assert pulses.dead({"one": N_LOOKS, "two": 1}, now + look * LOOK_S) == set()
 
 
-def test_a_watcher_that_was_paused_itself_takes_nobody_for_dead() -> None:
+@pytest.mark.parametrize("alive", [True, False])
+def test_who_could_not_look_takes_nobody_for_dead(alive: bool) -> None:
+    """It was paused itself, or the database was away: then nobody has beaten yet."""
     pulses = Pulses()
     pulses.dead({"one": 7}, 100.0)
-    assert pulses.dead({"one": 60}, 160.0) == set()
-    pulses.forget()
-    assert pulses.dead({"one": 60}, 260.0) == set()
-    assert pulses.dead({"one": 60}, 260.0 + STILL) == {"one"}
+    assert pulses.dead({"one": 60 if alive else 7}, 160.0) == set()
+    silent = [pulses.dead({"one": 60 if alive else 7}, 160.0 + look * LOOK_S) for look in range(1, N_LOOKS)]
+    assert silent[0] == set()
+    assert (silent[-1] == set()) == alive
 
 
 class Failing:
