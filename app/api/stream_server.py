@@ -92,7 +92,7 @@ class StreamServer(uvicorn.Server):
         draining = asyncio.ensure_future(self.lifespan.state["drain"]())
         await asyncio.sleep(
             0
-        )  # from here on no WebSocket is accepted, whose answer must not have this header
+        )  # from here on no WebSocket, whose answer must not have this header, is accepted
         self.server_state.default_headers = [*self.server_state.default_headers, (b"connection", b"close")]
         await asyncio.sleep(SETTLE)
         await draining
