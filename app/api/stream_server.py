@@ -90,9 +90,8 @@ class StreamServer(uvicorn.Server):
         for server in self.servers:
             server.close()
         draining = asyncio.ensure_future(self.lifespan.state["drain"]())
-        await asyncio.sleep(
-            0
-        )  # from here on no WebSocket, whose answer must not have this header, is accepted
+        # Once the draining has begun no WebSocket is accepted, whose answer must not have this header.
+        await asyncio.sleep(0)
         self.server_state.default_headers = [*self.server_state.default_headers, (b"connection", b"close")]
         await asyncio.sleep(SETTLE)
         await draining
