@@ -29,7 +29,7 @@ from app.motion.recogniser import Recogniser, SegmentEvent
 from app.motion.simulation import RATE, demonstrations
 from app.registry.artifacts import load_model
 from app.registry.database import Database
-from benchmarks import page
+from benchmarks import archive, page
 from benchmarks.live_streams import Heard, Order, Streams, motion_of
 from benchmarks.parts import PORT, Part, part
 
@@ -265,9 +265,10 @@ def main() -> None:
     options.add_argument("--seconds", type=float, default=SECONDS, help="of each stream [s]")
     options.add_argument("--output", type=Path, help="page to write")
     given = options.parse_args()
-    text, goals = section(measure(given.streams, given.seconds))
+    restarts, goals = section(measure(given.streams, given.seconds))
+    shared, of_archive = archive.section(archive.measure())
     head = page.heading("Many processes", "Nothing is lost when they come and go.")
-    page.publish("\n".join([head, page.goals(goals), text]), given.output)
+    page.publish("\n".join([head, page.goals(goals + of_archive), restarts, "", shared]), given.output)
 
 
 if __name__ == "__main__":

@@ -123,8 +123,8 @@ class Postgres:
         self._running.wait()
 
     def _send(self, number: signal.Signals) -> None:
-        self._running.send_signal(number)
-        for process in _children(self._running.pid):
+        """Send a signal to its processes, and to it last: they would be nobody's children without it."""
+        for process in [*_children(self._running.pid), self._running.pid]:
             with suppress(ProcessLookupError):
                 os.kill(process, number)
 
