@@ -49,8 +49,8 @@ that is paused wakes four rounds later, when the other has long gone on with its
 After every {an_act} rounds everything comes to its end and is compared: with what the server has then, and \
 with the same motion through the recogniser undisturbed, event by event and bit by bit. *Lost*, *doubled* \
 and *contradicted* count segments, events, frames, versions, demonstrations, jobs and moves of aliases; \
-*refused* is an answer that a client had not deserved. Resume: from the first 200 of `/readyz`, or where \
-another server is there from the kill, to the answer of a resumed session, for every client that was cut off.
+*refused* is an answer that a client had not deserved. Resume: from the first 200 of `/readyz` to the answer \
+of a resumed session, for every client that was cut off; where another server is there, from the kill.
 """
 
 
@@ -77,6 +77,7 @@ def _plain(kind: str, seed: int, act: Act) -> Part:
         "rounds": act.rounds,
         "counts": act.counts,
         "resumed": act.resumed,
+        "elsewhere": act.elsewhere,
         "faults": faults,
     }
 
@@ -85,13 +86,14 @@ def section(kind: str, parts: Sequence[Part]) -> tuple[str, list[page.Goal]]:
     """Return the section on a database, and what is asked for."""
     rounds, counts = _sum(part["rounds"] for part in parts), _sum(part["counts"] for part in parts)
     faults = Counter(fault["kind"] for part in parts for fault in part["faults"])
-    resumed = np.array([value for part in parts for value in part["resumed"]])
-    p50, p99 = np.percentile(resumed, [50, 99], method="higher") if len(resumed) else (np.inf, np.inf)
+    n_back, p50, p99 = _times(parts, "resumed")
     names = {"sqlite": "SQLite", "postgresql": "PostgreSQL"}
     killed = page.table(["killed", "rounds"], [[what, f"{n:,}"] for what, n in sorted(rounds.items())])
     acknowledged = page.table(["told", "number"], [[what, f"{n:,}"] for what, n in counts.items()])
     found = page.table(["found", "number"], [[each, str(faults[each])] for each in KINDS])
-    resume = f"Resume: median {p50 * 1e3:.0f} ms, p99 {p99 * 1e3:.0f} ms, of {len(resumed):,}."
+    resume = f"Resume: median {p50 * 1e3:.0f} ms, p99 {p99 * 1e3:.0f} ms, of {n_back:,}."
+    n_back, median, most = _times(parts, "elsewhere")
+    resume += f" At another server: median {median:.2f} s, p99 {most:.2f} s after the kill, of {n_back:,}."
     text = "\n".join([f"## {names[kind]}", "", killed, acknowledged, found, resume, ""])
     n_rounds, n_faults = rounds.total(), sum(faults.values())
     return text, [
@@ -99,6 +101,15 @@ def section(kind: str, parts: Sequence[Part]) -> tuple[str, list[page.Goal]]:
         page.Goal(f"{names[kind]}: none lost, doubled, contradicted or refused", f"{n_faults}", not n_faults),
         page.Goal(f"{names[kind]}: resume ≤ {BACK_S:g} s (p99)", f"{p99:.2f} s", bool(p99 <= BACK_S)),
     ]
+
+
+def _times(parts: Sequence[Part], name: str) -> tuple[int, float, float]:
+    """Return how many times there are, their median and their 99th percentile [s]."""
+    times = np.array([value for part in parts for value in part[name]])
+    if len(times) == 0:
+        return 0, np.inf, np.inf
+    median, most = np.percentile(times, [50, 99], method="higher").tolist()
+    return len(times), median, most
 
 
 def _sum(counted: Iterable[dict[str, int]]) -> Counter[str]:

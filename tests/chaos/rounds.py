@@ -71,6 +71,7 @@ class Act:
     rounds: Counter[str] = field(default_factory=Counter)
     counts: Counter[str] = field(default_factory=Counter)
     resumed: list[float] = field(default_factory=list)
+    elsewhere: list[float] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)
 
 
@@ -238,7 +239,10 @@ def play(house: House, kind: str, n_rounds: int, seed: int) -> Act:
             act.faults += cast.await_back(max(struck, ready))
             act.rounds[victim if len(house.servers) == 1 else f"{victim} (two servers)"] += 1
             elsewhere = len(house.servers) > 1 and victim in ("server", "server, twice")
-            act.resumed += cast.resumed(struck, struck if elsewhere else ready)
+            if elsewhere:
+                act.elsewhere += cast.resumed(struck, struck)
+            else:
+                act.resumed += cast.resumed(struck, ready)
         for process in asleep.values():
             process.send(signal.SIGCONT)
     strike(house, "all", rng)
