@@ -30,7 +30,7 @@ class Settings(BaseSettings):
     )
     session_retention: timedelta = Field(
         timedelta(days=7),
-        description="How long the frames of a finished session are kept: ISO 8601 (`P7D`) or seconds.",
+        description="How long the frames of a finished session are kept, in ISO 8601.",
     )
     max_body_bytes: int = Field(
         64 << 20, gt=0, description="Largest request body; a larger one is answered with 413."

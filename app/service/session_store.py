@@ -16,6 +16,7 @@ from app.motion.errors import MotionError
 from app.motion.model import Model
 from app.registry import models, sessions
 from app.registry.errors import ArtifactInvalid, NotFound, RegistryError, TakenOn
+from app.registry.holdings import version_title
 from app.registry.records import SessionRecord, SessionState, StoredEvent
 from app.registry.tables import now
 from app.service.decisions import Decisions
@@ -173,7 +174,7 @@ class SessionStore:
     def _model(self, record: SessionRecord) -> Model:
         if record.artifact_digest is None:
             return self._lab.version(record.model, str(record.version)).model
-        return self._lab.load(record.artifact_digest)
+        return self._lab.load(record.artifact_digest, version_title(record.model, record.version))
 
     def _taken_on(self, session_id: str, check: Callable[[SessionRecord], None]) -> SessionRecord:
         """Return a session that is ours now, unless it is over, then as it is. Raises what ``check`` does."""
