@@ -6,16 +6,19 @@ import json
 import select
 import socket
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from urllib.parse import urlsplit
 
 import httpx
 import pytest
+import sqlalchemy as sa
 from websockets.frames import Frame, Opcode
 from websockets.sync.client import connect
 
 from app.client import GestaClient
 from app.motion.model import Model
 from app.motion.simulation import recording
+from app.registry import tables
 from app.service.live import Limits
 from tests.api.test_stream_resume import cut, events, resuming
 from tests.serving import Server, serving
@@ -88,6 +91,9 @@ def test_a_session_that_nobody_comes_back_to_is_ended(server: Server, trained: M
         assert heard[:-1] == told
         assert heard[-1] == {"type": "ended", "event": n, "segments": n, "frames": len(MOTION)}
         assert client.session(started["session_id"])["state"] == "ended"
+    with server.database.transaction() as tx:
+        long_ago = datetime(2026, 1, 1, tzinfo=UTC)
+        tx.execute(sa.update(tables.sessions).values(last_seen_at=long_ago))
     with talking(server) as talk:
         talk.say("start", model="table-top", geometry=METRES, resume=resuming(started, -1))
         closed_with, code, error = talk.refused()
