@@ -53,7 +53,7 @@ def test_half_open(house: House, deaf: str) -> None:
     """One way nothing passes any more, and neither end is told."""
     every = both(Habits(pace=2000.0, patience=0.7))
     held(house, [Weather(silence=size, deaf=deaf) for size in (9000, 700, 3000, 20_000)], FAIR, every)
-    assert sum(told.resumed for told, _ in every) >= 2
+    assert sum(told.resumed for told, _ in every) >= 1
 
 
 def test_frames_twice_and_too_early(house: House) -> None:
