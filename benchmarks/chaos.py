@@ -43,8 +43,8 @@ moved to and fro twenty times a second. At a random moment something is killed w
 when all streams have got on, the next round begins. All clients go on by themselves and write down what \
 they are told.
 
-Every other {an_act} rounds have two servers on the database, and a client may resume at either. A worker \
-that is paused wakes four rounds later, when the other has long gone on with its job.
+Acts of {an_act} rounds with an odd seed have two servers on the database, and a client comes back to either \
+by chance, also to the one that is being started again. A worker that is paused wakes four rounds later, when the other has long gone on with its job.
 
 After every {an_act} rounds everything comes to its end and is compared: with what the server has then, and \
 with the same motion through the recogniser undisturbed, event by event and bit by bit. *Lost*, *doubled* \
