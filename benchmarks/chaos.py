@@ -44,8 +44,8 @@ when all streams have got on, the next round begins. All clients go on by themse
 they are told.
 
 Acts of {an_act} rounds with an odd seed have two servers on the database, and a client comes back to either \
-by chance, also to the one that is being started again. A worker that is paused wakes four rounds later, when \
-the other has long gone on with its job.
+by chance, also to the one that is being started again. A worker that is paused wakes four rounds later, \
+when the other has long gone on with its job.
 
 After every {an_act} rounds everything comes to its end and is compared: with what the server has then, and \
 with the same motion through the recogniser undisturbed, event by event and bit by bit. *Lost*, *doubled* \
