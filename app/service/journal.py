@@ -107,19 +107,30 @@ class Journal:
         if not self._waiting:
             self._any.clear()
         entries = [source.collect() for source in sources]
-        if entries and await self._try(entries) is None:
-            for source, entry in zip(sources, entries, strict=True):
-                source.written(entry)
+        if not entries:
             return
-        for source, entry in zip(sources, entries, strict=True):
-            error = await self._try([entry])
-            if error is None:
+        try:
+            errors = await self._errors(entries)
+        except Unavailable as error:
+            log.error("%d sessions could not be written: %s", len(entries), error)
+            errors = [WriteFailed() for _ in entries]
+        for source, entry, failure in zip(sources, entries, errors, strict=True):
+            if failure is None:
                 source.written(entry)
             else:
-                source.failed(error)
+                source.failed(failure)
+
+    async def _errors(self, entries: Sequence[Entry]) -> list[SessionError | None]:
+        """Write; return what is wrong with each. Raises Unavailable where the database stays away."""
+        if await self._try(entries) is None:
+            return [None for _ in entries]
+        return [await self._try([entry]) for entry in entries]
 
     async def _try(self, entries: Sequence[Entry]) -> SessionError | None:
-        """Write; where the database is away, again and again for ``PATIENCE``, while everybody waits."""
+        """Write; where the database is away, again and again for ``PATIENCE``, while everybody waits.
+
+        Return what is wrong with the entries. Raises Unavailable.
+        """
         clock = asyncio.get_running_loop().time
         begin = clock()
         while True:
@@ -127,10 +138,9 @@ class Journal:
                 await asyncio.to_thread(self._write, entries)
             except SessionError as error:
                 return error
-            except Unavailable as error:
+            except Unavailable:
                 if clock() - begin >= (LAST_PATIENCE if self._closing else PATIENCE):
-                    log.error("%d sessions could not be written: %s", len(entries), error)
-                    return WriteFailed()
+                    raise
             except Exception:
                 log.exception("%d sessions could not be written together", len(entries))
                 return WriteFailed()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -177,6 +177,20 @@ class Source:
         self.over.set()
 
 
+def written(write: Callable[[Sequence[Entry]], None], *names: str) -> list[Source]:
+    """Let a journal write urgent news of sources; return them once it knows what became of it."""
+
+    async def run() -> list[Source]:
+        journal, sources = Journal(write), [Source(name) for name in names]
+        for source in sources:
+            journal.note(source, urgent=True)
+        await asyncio.gather(*(source.over.wait() for source in sources))
+        await journal.close()
+        return sources
+
+    return asyncio.run(run())
+
+
 class TestJournal:
     def test_many_sessions_share_a_transaction(self) -> None:
         written: list[list[str]] = []
@@ -219,19 +233,10 @@ class TestJournal:
                 if entry.session_id == "bad":
                     raise ValueError("bad")
 
-        async def run() -> dict[str, Source]:
-            journal = Journal(write)
-            sources = {name: Source(name) for name in ("good", "gone", "bad")}
-            for source in sources.values():
-                journal.note(source, urgent=True)
-            await asyncio.gather(*(source.over.wait() for source in sources.values()))
-            await journal.close()
-            return sources
-
-        sources = asyncio.run(run())
-        assert sources["good"].durable == [1]
-        assert isinstance(sources["gone"].error, SessionGone)
-        assert isinstance(sources["bad"].error, WriteFailed)
+        good, gone, bad = written(write, "good", "gone", "bad")
+        assert good.durable == [1]
+        assert isinstance(gone.error, SessionGone)
+        assert isinstance(bad.error, WriteFailed)
 
     def test_a_database_that_is_away_is_waited_for(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("app.service.journal.AGAIN", 0.0)
@@ -242,33 +247,22 @@ class TestJournal:
             if len(tries) < 4:
                 raise DatabaseUnavailable("gone")
 
-        async def run() -> Source:
-            journal, source = Journal(write), Source("patient")
-            journal.note(source, urgent=True)
-            await source.over.wait()
-            await journal.close()
-            return source
-
-        source = asyncio.run(run())
+        [source] = written(write, "patient")
         assert (tries, source.durable, source.error) == ([1, 1, 1, 1], [1], None)
 
-    def test_but_not_for_ever(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_but_not_for_ever_and_for_all_together(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("app.service.journal.AGAIN", 0.0)
         monkeypatch.setattr("app.service.journal.PATIENCE", 0.01)
+        tries: list[int] = []
 
         def write(entries: Sequence[Entry]) -> None:
+            tries.append(len(entries))
             raise DatabaseUnavailable("gone")
 
-        async def run() -> Source:
-            journal, source = Journal(write), Source("patient")
-            journal.note(source, urgent=True)
-            await source.over.wait()
-            await journal.close()
-            return source
-
-        source = asyncio.run(run())
-        assert source.durable == []
-        assert isinstance(source.error, WriteFailed)
+        for source in written(write, "one", "other"):
+            assert source.durable == []
+            assert isinstance(source.error, WriteFailed)
+        assert set(tries) == {2}
 
     def test_what_waits_is_written_before_it_closes(self) -> None:
         async def run() -> Source:
