@@ -178,10 +178,9 @@ class LiveSessions:
 
     async def end(self, session_id: str) -> SessionRecord:
         """End a session wherever it is; one that has ended stays so. Raises NotFound, WriteFailed."""
-        if (session := self.get(session_id)) is not None:
-            with suppress(SessionGone, TakenOver):
-                await session.end()
-        await asyncio.to_thread(self.store.end, session_id)
+        session = self.get(session_id)
+        if session is None or not await self._is_ended(session):
+            await asyncio.to_thread(self.store.end, session_id)
         return await asyncio.to_thread(self.store.get, session_id)
 
     async def events(self, session_id: str, after: int) -> AsyncIterator[StoredEvent]:
@@ -268,6 +267,14 @@ class LiveSessions:
                     place.session.failed(TakenOver() if state == "active" else SessionGone(id_))
                     if place.attachment is None:
                         self._drop(place)
+
+    async def _is_ended(self, session: Session) -> bool:
+        """End a session that lives here; return whether it was ours to end. Raises WriteFailed."""
+        try:
+            await session.end()
+        except (SessionGone, TakenOver):
+            return False
+        return True
 
     async def _give_up(self, session_id: str) -> None:
         try:

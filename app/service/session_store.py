@@ -5,7 +5,7 @@ from __future__ import annotations
 import hmac
 import logging
 import secrets
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime, timedelta
 from uuid import uuid4
@@ -86,19 +86,16 @@ class SessionStore:
         One that has ended stays as it is. Raises SessionGone, TokenRefused, StartRefused.
         """
 
-        def check(record: SessionRecord) -> None:
-            if not hmac.compare_digest(record.token_hash, digest_of(ticket.token)):
-                raise TokenRefused
-            late = record.state == "ended" and now() - record.last_seen_at > self._resume
-            if record.state == "expired" or late:
-                raise SessionGone(record.id)
-            check_same(pinned_before(record, model), record.n_events, ticket)
-
         try:
             model = self._model(self.get(ticket.session_id))
         except NotFound:
             raise SessionGone(ticket.session_id) from None
-        return restored(self._lab, self._taken_on(ticket.session_id, check), model)
+        with self._lab.database.transaction() as tx:
+            record = sessions.lock(tx, ticket.session_id)
+            self._check(record, model, ticket)
+            if record.state == "active":
+                record = sessions.take_on(tx, record.id)
+        return restored(self._lab, record, model)
 
     def write(self, entries: Sequence[Entry]) -> None:
         """Make what sessions add durable, all of it or nothing.
@@ -127,17 +124,17 @@ class SessionStore:
         with self._lab.database.reading() as tx:
             return sessions.events(tx, session_id, after=after, limit=MOST_EVENTS)
 
-    def end(self, session_id: str) -> bool:
+    def end(self, session_id: str) -> None:
         """Decide what is open of a session that lives elsewhere, or nowhere any more, and end it.
 
-        Return whether it was active. Raises NotFound.
+        One that is over stays as it is. Raises NotFound.
         """
-        return self._finish(session_id, "ended", lambda _: None)
+        self._finish(session_id, "ended")
 
     def give_up(self, session_id: str) -> None:
         """End a session without deciding what is open. Raises NotFound."""
-        record = self._taken_on(session_id, lambda _: None)
-        if record.state == "active":
+        record = self._mine(session_id)
+        if record is not None:
             self._close(record, [_counted(record).end(record.n_frames)], "ended")
 
     def expire(self, last_seen_before: datetime, living: Collection[str]) -> int:
@@ -152,12 +149,7 @@ class SessionStore:
             ids += [record.id for record in page.records if record.last_seen_at < last_seen_before]
             if (token := page.next_token) is None:
                 break
-
-        def check(record: SessionRecord) -> None:
-            if record.last_seen_at >= last_seen_before:
-                raise TakenOver
-
-        return sum(self._finish(id_, "expired", check) for id_ in ids if id_ not in living)
+        return sum(self._finish(id_, "expired", last_seen_before) for id_ in ids if id_ not in living)
 
     def drop_frames(self, last_seen_before: datetime) -> int:
         """Drop the frames of sessions that are over and were last seen before then; return how many."""
@@ -176,20 +168,26 @@ class SessionStore:
             return self._lab.version(record.model, str(record.version)).model
         return self._lab.load(record.artifact_digest, version_title(record.model, record.version))
 
-    def _taken_on(self, session_id: str, check: Callable[[SessionRecord], None]) -> SessionRecord:
-        """Return a session that is ours now, unless it is over, then as it is. Raises what ``check`` does."""
+    def _check(self, record: SessionRecord, model: Model, ticket: Ticket) -> None:
+        """Raise what keeps a client from going on with a session."""
+        if not hmac.compare_digest(record.token_hash, digest_of(ticket.token)):
+            raise TokenRefused
+        late = record.state == "ended" and now() - record.last_seen_at > self._resume
+        if record.state == "expired" or late:
+            raise SessionGone(record.id)
+        check_same(pinned_before(record, model), record.n_events, ticket)
+
+    def _mine(self, session_id: str, last_seen_before: datetime | None = None) -> SessionRecord | None:
+        """Take a session on in order to end it; None where it is over, or was seen since then."""
         with self._lab.database.transaction() as tx:
             record = sessions.lock(tx, session_id)
-            check(record)
-            return sessions.take_on(tx, session_id) if record.state == "active" else record
+            seen = last_seen_before is not None and record.last_seen_at >= last_seen_before
+            return None if seen or record.state != "active" else sessions.take_on(tx, session_id)
 
-    def _finish(self, session_id: str, state: SessionState, check: Callable[[SessionRecord], None]) -> bool:
-        """Take a session on, decide what is open and end it; return whether it was active and passed."""
-        try:
-            record = self._taken_on(session_id, check)
-        except TakenOver:
-            return False
-        if record.state != "active":
+    def _finish(self, session_id: str, state: SessionState, last_seen_before: datetime | None = None) -> bool:
+        """Take a session on, decide what is open and end it; return whether it was ours to end."""
+        record = self._mine(session_id, last_seen_before)
+        if record is None:
             return False
         decisions = _counted(record)
         try:
