@@ -33,7 +33,6 @@ AT_ONCE = 8
 """Requests under way at most; what is asked for waits in the server's queue."""
 PATIENCE_S, PAUSE_S = 60.0, 0.5
 """How long a request is tried where the server is away, and the pause between two attempts [s]."""
-NOT_NOW = (502, 503, 504)
 DONE_IN_VAIN = ("failed", "cancelled")
 
 AXES = ("x", "y", "z")
@@ -177,7 +176,7 @@ class Archive:
                     **fields,
                 )
             except (httpx.TransportError, ApiError) as error:
-                refused = isinstance(error, ApiError) and error.status not in NOT_NOW
+                refused = isinstance(error, ApiError) and not error.is_passing
                 if refused or time.monotonic() > deadline:
                     raise
             time.sleep(PAUSE_S)

@@ -25,7 +25,6 @@ PATIENCE_S = 60.0
 
 OPEN = ("queued", "running")
 """States of a job that has not ended."""
-NOT_NOW = (502, 503, 504)
 
 
 class Waiting:
@@ -48,7 +47,7 @@ class Waiting:
 
     def is_over(self, error: httpx.TransportError | ApiError, now: float) -> bool:
         """Whether to wait no more: the server refuses, or it has been away for too long."""
-        refused = isinstance(error, ApiError) and error.status not in NOT_NOW
+        refused = isinstance(error, ApiError) and not error.is_passing
         return refused or now - self._heard_at > self._patience
 
 

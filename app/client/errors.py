@@ -26,6 +26,11 @@ class ApiError(GestaError):
         self.code = str(problem.get("code", "unknown"))
         super().__init__(f"{status} {self.code}: {problem.get('detail', '')}")
 
+    @property
+    def is_passing(self) -> bool:
+        """Whether the server, or what it needs, is only away for the moment."""
+        return self.status in (502, 503, 504)
+
 
 class JobFailed(GestaError):
     """A job ended otherwise than by success; ``job`` is its last state."""

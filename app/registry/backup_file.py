@@ -22,6 +22,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, Any
 
+from app.registry.directory import sync
 from app.registry.errors import BackupInvalid
 
 FORMAT = 1
@@ -91,11 +92,7 @@ def writing(path: Path) -> Iterator[BackupWriter]:
             file.flush()
             os.fsync(file.fileno())
         os.replace(folder / "backup.tar", path)
-        handle = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+        sync(path.parent)
 
 
 @contextmanager

@@ -101,7 +101,7 @@ class Database:
         with _migrating, self._only_one(), self.engine.begin() as connection:
             if self._path is None:
                 connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": MIGRATION_LOCK})
-            if _revision(connection) != NEWEST:
+            if revision_of(connection) != NEWEST:
                 from alembic import command  # noqa: PLC0415 (a server on a new database alone needs it)
 
                 command.upgrade(migration_config(connection), "head")
@@ -176,7 +176,7 @@ def migration_config(connection: Connection) -> Config:
     return config
 
 
-def _revision(connection: Connection) -> str | None:
+def revision_of(connection: Connection) -> str | None:
     """Return the revision that the tables are at, None where there are none."""
     if not inspect(connection).has_table("alembic_version"):
         return None

@@ -34,7 +34,7 @@ class Directory:
             os.utime(path)
         else:
             _replace(path, data)
-        _sync(path.parent)
+        sync(path.parent)
 
     def move(self, key: str, to: str) -> None:
         """Renew the time of a file, then rename it. Raises FileNotFoundError."""
@@ -42,8 +42,8 @@ class Directory:
         os.utime(path)
         self._prepare(target.parent)
         os.replace(path, target)
-        _sync(target.parent)
-        _sync(path.parent)
+        sync(target.parent)
+        sync(path.parent)
 
     def remove(self, key: str) -> None:
         """Delete a file, or nothing."""
@@ -75,7 +75,7 @@ class Directory:
         within = folder
         while within != self.root.parent:
             within = within.parent
-            _sync(within)
+            sync(within)
         self._durable.add(folder)
 
     def _files(self) -> Iterator[tuple[Path, os.stat_result]]:
@@ -107,7 +107,7 @@ def _replace(path: Path, data: bytes) -> None:
         raise
 
 
-def _sync(folder: Path) -> None:
+def sync(folder: Path) -> None:
     """Make the names in a folder durable."""
     handle = os.open(folder, os.O_RDONLY)
     try:

@@ -7,17 +7,16 @@ from alembic.script import ScriptDirectory
 from sqlalchemy.orm import Session
 
 from app.registry import tables
-from app.registry.database import MIGRATIONS
+from app.registry.database import MIGRATIONS, revision_of
 from app.registry.errors import DatabaseUnavailable, NotEmpty
 
 
 def current(tx: Session) -> str:
     """Return the revision that the tables are of. Raises DatabaseUnavailable where there are none."""
-    there = sa.inspect(tx.connection()).has_table("alembic_version")
-    found = tx.scalar(sa.text("SELECT version_num FROM alembic_version")) if there else None
+    found = revision_of(tx.connection())
     if found is None:
         raise DatabaseUnavailable("there are no tables of Gesta's in it")
-    return str(found)
+    return found
 
 
 def known(revision: str) -> bool:

@@ -24,17 +24,18 @@ JUMP = Trajectory(HARD.times + 60.0 * (np.arange(len(HARD)) >= len(HARD) // 2), 
 """A stream in which a minute is missing: its second half begins afresh."""
 
 
-def handed_over(
-    model: Model, motion: Trajectory, cuts: Sequence[int], rate: float | None
+def streamed(
+    model: Model, motion: Trajectory, cuts: Sequence[int], rate: float | None, *, handed_over: bool
 ) -> tuple[list[Event], list[Hypothesis | None]]:
-    """Return what a stream gives whose recogniser is put away and made anew at every cut."""
+    """Return what a stream gives; handed over, its recogniser is put away and made anew at every cut."""
     recogniser, events, guesses = Recogniser(model, rate=rate), list[Event](), list[Hypothesis | None]()
     for start, stop in pairwise([0, *sorted({*cuts, len(motion)})]):
         events += recogniser.push(motion.part(start, stop))
         guesses.append(recogniser.hypothesis())
-        state = kept(recogniser.state())
-        recogniser = Recogniser(model, rate=rate)
-        recogniser.restore(state)
+        if handed_over:
+            state = kept(recogniser.state())
+            recogniser = Recogniser(model, rate=rate)
+            recogniser.restore(state)
     return events + recogniser.finish(), guesses
 
 
@@ -46,16 +47,6 @@ def kept(state: State) -> State:
     }
 
 
-def whole(
-    model: Model, motion: Trajectory, cuts: Sequence[int], rate: float | None
-) -> tuple[list[Event], list[Hypothesis | None]]:
-    recogniser, events, guesses = Recogniser(model, rate=rate), list[Event](), list[Hypothesis | None]()
-    for start, stop in pairwise([0, *sorted({*cuts, len(motion)})]):
-        events += recogniser.push(motion.part(start, stop))
-        guesses.append(recogniser.hypothesis())
-    return events + recogniser.finish(), guesses
-
-
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(
     cuts=st.lists(st.integers(1, len(HARD) - 1), min_size=1, max_size=6),
@@ -65,8 +56,8 @@ def whole(
 def test_events_and_hypotheses_do_not_know_of_it(
     trained: Model, cuts: list[int], rate: float | None, motion: Trajectory
 ) -> None:
-    events, guesses = handed_over(trained, motion, cuts, rate)
-    expected, believed = whole(trained, motion, cuts, rate)
+    events, guesses = streamed(trained, motion, cuts, rate, handed_over=True)
+    expected, believed = streamed(trained, motion, cuts, rate, handed_over=False)
     assert [repr(event) for event in events] == [repr(event) for event in expected]
     assert [repr(guess) for guess in guesses] == [repr(guess) for guess in believed]
     assert len(events) > 3
@@ -75,7 +66,8 @@ def test_events_and_hypotheses_do_not_know_of_it(
 def test_at_every_single_frame(trained: Model) -> None:
     motion = HARD.part(0, 260)
     cuts = range(1, len(motion))
-    assert repr(handed_over(trained, motion, cuts, 100.0)) == repr(whole(trained, motion, cuts, 100.0))
+    found, expected = (streamed(trained, motion, cuts, 100.0, handed_over=way) for way in (True, False))
+    assert repr(found) == repr(expected)
 
 
 def test_what_comes_later_does_not_change_a_state(trained: Model) -> None:
