@@ -29,7 +29,7 @@ from app.registry.artifacts import dump_recording
 from app.service import recognition
 from app.service.lab import Lab, open_lab
 from benchmarks import page
-from benchmarks.load_server import NAME, ROOT, register
+from benchmarks.load_server import NAME, ROOT, register, settings_of
 
 TRAINING_SEED, N_ACTIONS = 0, 60
 N_RECORDINGS = 40
@@ -64,7 +64,7 @@ def measure(n_recordings: int = N_RECORDINGS) -> Found:
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
         register(folder, model)
-        given = _settings(folder)
+        given = settings_of(folder)
         lab = open_lab(given["GESTA_DATABASE_URL"], given["GESTA_STORE_URL"])
         for trial in range(TRIALS):
             for number in took:
@@ -87,7 +87,7 @@ def _working(folder: Path) -> Iterator[None]:
         process = subprocess.Popen(
             [sys.executable, "-m", "app.cli", "worker", "--parent", str(os.getpid())],
             cwd=ROOT,
-            env={**os.environ, **_settings(folder)},
+            env={**os.environ, **settings_of(folder)},
             stdout=output,
             stderr=output,
         )
@@ -95,13 +95,6 @@ def _working(folder: Path) -> Iterator[None]:
         yield
     finally:
         stop(process)
-
-
-def _settings(folder: Path) -> dict[str, str]:
-    return {
-        "GESTA_DATABASE_URL": f"sqlite:///{folder / 'gesta.db'}",
-        "GESTA_STORE_URL": str(folder / "store"),
-    }
 
 
 def _await_workers(lab: Lab, number: int) -> None:

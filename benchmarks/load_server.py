@@ -92,7 +92,7 @@ class Place:
 
 def register(folder: Path, model: Model) -> None:
     """Make a database and a store in ``folder`` that know the model."""
-    database, store = Database(_settings(folder)["GESTA_DATABASE_URL"]), Store(folder / "store")
+    database, store = Database(settings_of(folder)["GESTA_DATABASE_URL"]), Store(folder / "store")
     database.migrate()
     digest = store.put(dump_model(model))
     with database.transaction() as tx:
@@ -118,7 +118,7 @@ def serving(folder: Path, core: int, spin: Cost | None = None) -> Iterator[Place
         process = subprocess.Popen(
             [sys.executable, __file__, str(listener.fileno()), str(core), *cost],
             cwd=ROOT,
-            env={**os.environ, **_settings(folder)},
+            env={**os.environ, **settings_of(folder)},
             pass_fds=[listener.fileno()],
             stdout=output,
             stderr=output,
@@ -134,7 +134,8 @@ def serving(folder: Path, core: int, spin: Cost | None = None) -> Iterator[Place
         stop(process)
 
 
-def _settings(folder: Path) -> dict[str, str]:
+def settings_of(folder: Path) -> dict[str, str]:
+    """Return the variables of a process that works on what is in ``folder``."""
     return {
         "GESTA_DATABASE_URL": f"sqlite:///{folder / 'gesta.db'}",
         "GESTA_STORE_URL": str(folder / "store"),

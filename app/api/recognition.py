@@ -14,6 +14,7 @@ from app.api.jobs import JobTold
 from app.api.schemas import (
     Answer,
     GeometryTold,
+    IdempotencyKey,
     RecordingSent,
     SegmentTold,
     TrajectorySent,
@@ -106,7 +107,6 @@ Prefer = Annotated[
     list[str] | None,
     Header(description=f"`{RESPOND_ASYNC}`: a job, however short the recording is (RFC 7240)."),
 ]
-IdempotencyKey = Annotated[str | None, Header(max_length=200, description="The same key gives the same job.")]
 
 
 @router.post(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
+from fastapi import Header
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from app.motion.trajectory import FARTHEST_M, Scene
@@ -19,6 +20,7 @@ Track = Annotated[list[Point | None], Field(min_length=1)]
 Height = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan=False)]
 PageSize = Annotated[int, Field(ge=1, le=500, description="Records in this page at most.")]
 PageToken = Annotated[str | None, Field(max_length=1000, description="`next_page_token` of the page before.")]
+IdempotencyKey = Annotated[str | None, Header(max_length=200, description="The same key gives the same job.")]
 
 
 class Request(BaseModel):

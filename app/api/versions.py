@@ -5,13 +5,13 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, Header, Response
+from fastapi import APIRouter, Depends, Response
 from pydantic import ConfigDict, Field
 from starlette.requests import Request as HttpRequest
 
 from app.api.dependencies import LabOf
 from app.api.jobs import JobTold
-from app.api.schemas import Answer, Name, PageSize, PageToken, Request, refusals
+from app.api.schemas import Answer, IdempotencyKey, Name, PageSize, PageToken, Request, refusals
 from app.registry.records import VersionRecord
 from app.service import models, training, versions
 
@@ -124,7 +124,7 @@ def train(
     body: Training,
     lab: LabOf,
     response: Response,
-    idempotency_key: Annotated[str | None, Header(max_length=200)] = None,
+    idempotency_key: IdempotencyKey = None,
 ) -> JobTold:
     """Queues a job; its `result` is `{model, version}`. The same `Idempotency-Key` gives the same job."""
     job = training.request_training(
