@@ -187,7 +187,8 @@ class Session:
         seen = 0
         while True:
             seen = await self.taken.beyond(seen)
-            yield messages.frame(self.next_seq - 1, self._newest, self.pinned.layout.objects)
+            if not self.ended:
+                yield messages.frame(self.next_seq - 1, self._newest, self.pinned.layout.objects)
             await asyncio.sleep(1.0 / rate_hz)
 
     def collect(self) -> Entry:

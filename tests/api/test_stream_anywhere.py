@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
@@ -177,6 +178,9 @@ def test_one_that_has_ended_is_told_by_any_server(servers: list[Server]) -> None
         talk.rest()
         assert events(talk) == told[1:]
         assert talk.closed_with == 1000
+    path = f"/v1/sessions/{started['session_id']}/events?include=frames,hypotheses"
+    listened = httpx.get(servers[1].url + path, timeout=20).text
+    assert [json.loads(line[6:]) for line in listened.splitlines() if line.startswith("data: ")] == told
 
 
 def test_a_wrong_token_or_start_throws_nobody_out(servers: list[Server]) -> None:

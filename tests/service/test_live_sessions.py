@@ -177,6 +177,25 @@ def test_who_was_taken_over_writes_no_more(lab: Lab, trained: Model) -> None:
     live_run(lab, work)
 
 
+def test_of_one_that_has_ended_elsewhere_nothing_provisional_is_told(lab: Lab) -> None:
+    async def work(live: LiveSessions) -> None:
+        attachment, token = await live.open(WISH)
+        await attachment.session.take(frames(0, 100))
+        await attachment.session.end()
+        other = LiveSessions(SessionStore(lab), Limits(drain=0.0))
+        hold = await other.resume(Ticket(attachment.session.pinned.session_id, token, -1, WISH))
+        assert hold.session.next_seq == 100
+        for told in (hold.session.frames(20.0), hold.session.hypotheses(20.0)):
+            first = asyncio.ensure_future(anext(told))
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+            assert not first.done()
+            first.cancel()
+        await other.drain()
+
+    live_run(lab, work)
+
+
 def test_a_session_that_is_given_up_ends_with_an_event(lab: Lab) -> None:
     async def work(live: LiveSessions) -> None:
         attachment, token = await live.open(WISH)
