@@ -58,15 +58,15 @@ def known_folders() -> list[Path]:
     return sorted(place.parent for place in SHARED.glob("*/segments.csv"))
 
 
-def load_sequences(folder: Path) -> list[Labelled]:
-    """Return the sequences of a folder by name."""
+def load_sequences(folder: Path, classes: str = "action") -> list[Labelled]:
+    """Return the sequences of a folder by name; classes: the column of ``segments.csv`` that names them."""
     segments: dict[str, list[Segment]] = {}
-    for row in _rows(folder / "segments.csv"):
-        if row["action"] not in REST:
-            span = Segment(int(row["start_row"]), int(row["end_row"]), row["action"])
+    for row in read_rows(folder / "segments.csv"):
+        if row[classes] not in REST:
+            span = Segment(int(row["start_row"]), int(row["end_row"]), row[classes])
             segments.setdefault(row["sequence"], []).append(span)
     return [
-        Labelled(file.stem, Recording(_motion(_rows(file)), tuple(segments.get(file.stem, ()))))
+        Labelled(file.stem, Recording(_motion(read_rows(file)), tuple(segments.get(file.stem, ()))))
         for file in sorted(folder.glob("sequences/*.csv"))
     ]
 
@@ -76,7 +76,7 @@ def load_recordings(folder: Path) -> list[Labelled]:
     return [
         Labelled(file.stem, Recording(_motion(rows), tuple(_runs(rows))))
         for file in sorted(folder.glob("recordings/*.csv"))
-        if (rows := _rows(file))
+        if (rows := read_rows(file))
     ]
 
 
@@ -101,17 +101,18 @@ def split(sequences: Sequence[Labelled], recordings: Sequence[Labelled] = ()) ->
     return folds
 
 
-def _rows(file: Path) -> list[Row]:
+def read_rows(file: Path) -> list[Row]:
+    """Return the rows of a file with a heading."""
     with file.open(newline="") as lines:
         return list(csv.DictReader(lines))
 
 
 def _motion(rows: Sequence[Row]) -> Trajectory:
     times = np.array([float(row["time_s"]) for row in rows])
-    return Trajectory(times, _track(rows, "hand"), {ROLE: _track(rows, ROLE)})
+    return Trajectory(times, track(rows, "hand"), {ROLE: track(rows, ROLE)})
 
 
-def _track(rows: Sequence[Row], name: str) -> Floats:
+def track(rows: Sequence[Row], name: str) -> Floats:
     """Return (n_frames, 3) positions [m]; where a coordinate is missing the whole frame is a dropout."""
     positions = np.array([[float(row[f"{name}_{axis}"] or "nan") for axis in "xyz"] for row in rows])
     positions[np.isnan(positions).any(axis=1)] = np.nan
