@@ -13,7 +13,7 @@ from numba import njit
 
 from app.motion.conditioning import Tracks
 from app.motion.lanes import States
-from app.motion.model import ActionModel, Background
+from app.motion.model import N_SHAPE, ActionModel, Background
 from app.motion.scoring import score_segments, states_of
 from app.motion.simd import LANES, load, store
 from app.motion.trajectory import Floats, Indices
@@ -87,7 +87,9 @@ def _action(rng: np.random.Generator, name: str, n_states: int) -> ActionModel:
         stay=rng.uniform(0.5, 0.95, n_states),
         weights=np.ones(n_states),
         durations=np.ones(12),
-        lengths=np.ones(12),
+        starts=np.zeros((12, 3)),
+        ways=np.tile([1.0, 0.0, 0.0], (12, 1)),
+        shapes=np.zeros((12, N_SHAPE)),
         repetition=1.0,
     )
 

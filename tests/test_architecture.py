@@ -34,14 +34,14 @@ WORLD = (
     "random",
     "secrets",
 )
-VALUES = ("app.motion.errors", "app.motion.trajectory", "app.motion.model")
+VALUES = ("app.motion.errors", "app.motion.trajectory", "app.motion.model", "app.motion.asked")
 ROOMS = ("app.motion", "app.formats", "app.registry", "app.service", "app.api", "app.dashboard")
 
 TABLE = {
     "app.motion": Room(
         ("numpy", "scipy", "numba", "llvmlite", "hmmlearn", "sklearn"), must_not=(*CLOCK, *FILES, *WORLD)
     ),
-    "app.formats": Room(("numpy",), VALUES),
+    "app.formats": Room(("numpy", "mcap", "mcap_ros2"), VALUES),
     "app.registry": Room(("sqlalchemy", "alembic", "numpy", "obstore"), VALUES),
     "app.service": Room(("dbos", "numpy"), ("app.motion", "app.formats", "app.registry")),
     "app.api": Room(

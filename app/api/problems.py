@@ -47,11 +47,18 @@ CODES = {
     400: "malformed",
     404: "not_found",
     405: "method_not_allowed",
+    406: "not_acceptable",
     413: "too_large",
     415: "unsupported_media_type",
 }
 
-WIRE_NAMES = {"rate": "rate_hz", "duration": "duration_s"}
+WIRE_NAMES = {
+    "rate": "rate_hz",
+    "duration": "duration_s",
+    "std": "std_m",
+    "velocity": "velocity_m_s",
+    "acceleration": "acceleration_m_s2",
+}
 """Fields of requests that the core, which writes units into its docstrings, calls otherwise."""
 
 log = logging.getLogger(__name__)
@@ -147,7 +154,7 @@ def _places(error: Exception) -> list[dict[str, str]]:
     if isinstance(error, service.ContentRefused):
         return [vars(issue) for issue in error.issues]
     if isinstance(error, motion.InvalidRequest):
-        pointer = f"/{WIRE_NAMES.get(error.field, error.field)}"
+        pointer = "".join(f"/{WIRE_NAMES.get(name, name)}" for name in error.field.split("."))
         return [{"pointer": pointer, "code": "invalid_request", "detail": str(error)}]
     return []
 

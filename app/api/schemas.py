@@ -164,6 +164,7 @@ TITLES = {
     400: "Malformed",
     403: "Forbidden",
     404: "Not found",
+    406: "No such form",
     409: "Conflict",
     410: "Gone",
     412: "Precondition failed",

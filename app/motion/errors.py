@@ -82,6 +82,7 @@ class InvalidRequest(MotionError):
 
     def __init__(self, field: str, detail: str) -> None:
         self.field = field
+        self.detail = detail
         super().__init__(f"{field}: {detail}")
 
 

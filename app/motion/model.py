@@ -22,6 +22,11 @@ PACE_SPREAD, LENGTH_SPREAD = 0.3, 0.3
 """Least standard deviations of the logarithms of durations and of lengths: people differ by a third."""
 
 
+N_COEFFICIENTS = 14
+N_SHAPE = 3 * N_COEFFICIENTS
+"""Numbers that tell the shape of a movement along each of the three aligned axes, and along all."""
+
+
 @dataclass(frozen=True)
 class FeatureSpecification:
     """What all action models of a model observe.
@@ -50,9 +55,10 @@ class ActionModel:
     It starts in the first state, stays or goes on to the next, and ends in the last.
     means, variances: (n_states, n_features); stay: (n_states,) probability of staying in a
     state; weights: (n_states,) frames that each state explained in training, which is what training
-    further goes by; durations, lengths: (n_demonstrations,) of the demonstrations [s], and from start to
-    goal [m]; repetition: how many neighbouring frames of a demonstration say what one independent frame
-    would, at least 1.
+    further goes by; durations: (n_demonstrations,) of the demonstrations [s]; starts, ways:
+    (n_demonstrations, 3) where they start, and from there to the goal [m]; shapes: (n_demonstrations,
+    N_SHAPE) as in ``shape.fit_shape`` [m]; repetition: how many neighbouring frames of a demonstration say
+    what one independent frame would, at least 1.
     """
 
     action: str
@@ -61,7 +67,9 @@ class ActionModel:
     stay: Floats
     weights: Floats
     durations: Floats
-    lengths: Floats
+    starts: Floats
+    ways: Floats
+    shapes: Floats
     repetition: float
 
     @property
@@ -73,6 +81,12 @@ class ActionModel:
     def n_demonstrations(self) -> int:
         """Number of demonstrations that it was trained on."""
         return len(self.durations)
+
+    @property
+    def lengths(self) -> Floats:
+        """(n_demonstrations,) from start to goal [m]."""
+        lengths: Floats = np.linalg.norm(self.ways, axis=1)
+        return lengths
 
     @property
     def tempo(self) -> tuple[float, float]:

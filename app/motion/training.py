@@ -23,6 +23,7 @@ from app.motion.model import (
     Model,
 )
 from app.motion.resampling import resample, stack
+from app.motion.shape import fit_shape
 from app.motion.standing import familiarity_of, rest_of
 from app.motion.trajectory import Demonstration, Floats, Indices
 
@@ -177,7 +178,8 @@ class Example(NamedTuple):
     """A demonstration as it is learned from.
 
     place: its index in the list; action: its class; tracks: conditioned; table_height [m]; sequence:
-    (n_frames, n_features); duration [s]; length: from start to goal [m].
+    (n_frames, n_features); duration [s]; start, way: (3,) where it starts and from there to its goal [m];
+    shape: as in ``fit_shape``.
     """
 
     place: int
@@ -186,7 +188,9 @@ class Example(NamedTuple):
     table_height: float
     sequence: Floats
     duration: float
-    length: float
+    start: Floats
+    way: Floats
+    shape: Floats
 
 
 def examples_of(demonstrations: Sequence[Demonstration], features: FeatureSpecification) -> list[Example]:
@@ -203,7 +207,9 @@ def examples_of(demonstrations: Sequence[Demonstration], features: FeatureSpecif
             table_height=height,
             sequence=observe(tracks, height),
             duration=float(times[-1] - times[0]),
-            length=float(np.linalg.norm(hand[-1] - hand[0])),
+            start=hand[0],
+            way=hand[-1] - hand[0],
+            shape=fit_shape(times, hand),
         )
         examples.append(example)
     return examples
@@ -258,7 +264,9 @@ def _fit_further(
     return replace(
         new,
         durations=np.concatenate([known.durations, new.durations]),
-        lengths=np.concatenate([known.lengths, new.lengths]),
+        starts=np.concatenate([known.starts, new.starts]),
+        ways=np.concatenate([known.ways, new.ways]),
+        shapes=np.concatenate([known.shapes, new.shapes]),
         repetition=float(
             np.average(
                 [known.repetition, new.repetition], weights=[known.n_demonstrations, new.n_demonstrations]
@@ -276,7 +284,9 @@ def _action_model(chain: Chain, examples: Sequence[Example], estimator: Estimato
         action,
         *chain,
         durations=np.array([example.duration for example in examples]),
-        lengths=np.array([example.length for example in examples]),
+        starts=np.array([example.start for example in examples]),
+        ways=np.array([example.way for example in examples]),
+        shapes=np.array([example.shape for example in examples]),
         repetition=estimator.repetition([example.sequence for example in examples], chain),
     )
 

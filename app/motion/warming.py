@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numba.core.event import Listener, install_listener
 
-from app.motion.model import ActionModel, Background, Familiarity, FeatureSpecification, Model, Rest
+from app.motion.model import N_SHAPE, ActionModel, Background, Familiarity, FeatureSpecification, Model, Rest
 from app.motion.recogniser import Recogniser
 from app.motion.training import TrainingOptions, fit_model
 from app.motion.trajectory import Demonstration, Trajectory, is_sound
@@ -64,7 +64,9 @@ def _model() -> Model:
         stay=np.full(N_STATES, 0.9),
         weights=np.ones(N_STATES),
         durations=np.full(N_SHOWN, 0.6),
-        lengths=np.full(N_SHOWN, 0.3),
+        starts=np.zeros((N_SHOWN, 3)),
+        ways=np.full((N_SHOWN, 3), [0.3, 0.0, 0.0]),
+        shapes=np.zeros((N_SHOWN, N_SHAPE)),
         repetition=1.0,
     )
     background = Background(np.full(features.n_features, 10.0))

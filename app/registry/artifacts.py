@@ -12,18 +12,18 @@ from typing import Any, Literal
 import numpy as np
 
 from app.motion.errors import InvalidSegment, InvalidTrajectory
-from app.motion.model import ActionModel, FeatureSpecification, Model
+from app.motion.model import N_SHAPE, ActionModel, FeatureSpecification, Model
 from app.motion.trajectory import Demonstration, Floats, Recording, Scene, Segment, Trajectory
 from app.registry import canonical
 from app.registry.errors import ArtifactInvalid
 
-MODEL = "gesta-model", 2
+MODEL = "gesta-model", 3
 DEMONSTRATION = "gesta-demonstration", 1
 RECORDING = "gesta-recording", 1
 
 MOTION_FIELDS = ("table_height_m", "t", "hand", "objects")
 
-Axis = Literal["states", "features", "demonstrations"]
+Axis = Literal["states", "features", "demonstrations", "space", "shape"]
 
 AXES: dict[str, tuple[Axis, ...]] = {
     "means": ("states", "features"),
@@ -31,14 +31,17 @@ AXES: dict[str, tuple[Axis, ...]] = {
     "stay": ("states",),
     "weights": ("states",),
     "durations": ("demonstrations",),
-    "lengths": ("demonstrations",),
+    "starts": ("demonstrations", "space"),
+    "ways": ("demonstrations", "space"),
+    "shapes": ("demonstrations", "shape"),
 }
 """The axes of an action model's arrays."""
 
-MAX_RATE, MAX_DURATION = 1000.0, 600.0
-"""What a model may ask of the memory of a stream [Hz], [s]."""
+MAX_RATE, MAX_DURATION, MAX_DISTANCE = 1000.0, 600.0, 1000.0
+"""What a model may hold: of the memory of a stream [Hz], [s], and of the world [m]."""
 
-POSITIVE = ("variances", "durations", "lengths")
+POSITIVE = ("variances", "durations")
+PLACES = ("starts", "ways", "shapes")
 PROBABILITIES = ("stay",)
 NOT_NEGATIVE = ("weights", "stay")
 
@@ -174,6 +177,8 @@ def _check_action(action: ActionModel, features: FeatureSpecification, place: st
         "states": max(1, np.shape(action.means)[0] if np.ndim(action.means) else 0),
         "features": features.n_features,
         "demonstrations": max(1, np.size(action.durations)),
+        "space": 3,
+        "shape": N_SHAPE,
     }
     for name, axes in AXES.items():
         _check_shape(getattr(action, name), tuple(sizes[axis] for axis in axes), f"{place}.{name}")
@@ -182,6 +187,11 @@ def _check_action(action: ActionModel, features: FeatureSpecification, place: st
     for name in POSITIVE:
         if (getattr(action, name) <= 0).any():
             raise ArtifactInvalid(f"{place}.{name}", "must be positive")
+    for name in PLACES:
+        if (np.abs(getattr(action, name)) > MAX_DISTANCE).any():
+            raise ArtifactInvalid(f"{place}.{name}", f"must be at most {MAX_DISTANCE:g} m")
+    if (action.lengths <= 0).any():
+        raise ArtifactInvalid(f"{place}.ways", "must not be zero")
     for name in NOT_NEGATIVE:
         if (getattr(action, name) < 0).any():
             raise ArtifactInvalid(f"{place}.{name}", "must not be negative")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.motion.generation import MINIMUM_JERK, GeneratedMotion
+from app.motion.generation import GeneratedMotion
+from app.motion.shape import MINIMUM_JERK
 
 
 def minimum_jerk(n_frames: int = 50, rate: float = 100.0, seed: int = 0) -> GeneratedMotion:

@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from app.formats import ros
 from app.formats.definitions import DEFINITIONS, definition
-from app.motion.generation import DURATIONS, MAX_FRAMES, RATES
+from app.motion.timing import DURATIONS, MAX_FRAMES, RATES
 from tests.formats.controller import faults
 from tests.formats.motions import minimum_jerk
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.motion.conditioning import Tracks
-from app.motion.model import ActionModel, Background, Familiarity, FeatureSpecification, Model, Rest
+from app.motion.model import N_SHAPE, ActionModel, Background, Familiarity, FeatureSpecification, Model, Rest
 from app.motion.trajectory import Indices
 
 TABLE = 0.7
@@ -32,7 +32,9 @@ def model_of(rng: np.random.Generator, n_states: Sequence[int], n_objects: int =
             stay=rng.uniform(0.05, 0.95, n),
             weights=np.ones(n),
             durations=np.ones(rng.integers(2, 30)),
-            lengths=np.ones(2),
+            starts=np.zeros((2, 3)),
+            ways=np.eye(3)[:2],
+            shapes=np.zeros((2, N_SHAPE)),
             repetition=1.0,
         )
         for index, n in enumerate(n_states)

@@ -39,7 +39,7 @@ def events(model: Model, motion: Trajectory) -> list[Event]:
 def test_the_best_is_found_with_its_value(seed: int, n_classes: int, n_objects: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
     model = model_of(rng, tuple(rng.integers(1, 9, n_classes)), n_objects)
-    model = replace(model, actions=tuple(replace(each, lengths=np.full(2, 0.01)) for each in model.actions))
+    model = replace(model, actions=tuple(replace(each, ways=0.01 * each.ways) for each in model.actions))
     motion = motion_of(rng, 70, n_objects)
     motion.hand[rng.random(70) < 0.1] = np.nan
     seen = np.flatnonzero(~np.isnan(motion.hand[:, 0]))

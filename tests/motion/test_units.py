@@ -30,7 +30,9 @@ def in_unit(model: Model, unit: float) -> Model:
             action,
             means=units * action.means,
             variances=units**2 * action.variances,
-            lengths=unit * action.lengths,
+            starts=unit * action.starts,
+            ways=unit * action.ways,
+            shapes=unit * action.shapes,
         )
         for action in model.actions
     )

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from app.motion.model import ActionModel, Background, Familiarity, FeatureSpecification, Model, Rest
+from app.motion.model import N_SHAPE, ActionModel, Background, Familiarity, FeatureSpecification, Model, Rest
 from app.motion.trajectory import Demonstration, Floats, Scene, Trajectory
 from app.registry.artifacts import (
     AXES,
@@ -38,13 +38,15 @@ def models(draw: st.DrawFn) -> Model:
     features = FeatureSpecification(tuple(roles), draw(st.floats(1.0, 1000.0)))
     width = features.n_features
     bounds = {"variances": (1e-12, 1e6), "stay": (0.0, 1.0), "weights": (0.0, 1e9)}
-    bounds |= {"durations": (1e-3, 600.0), "lengths": (1e-3, 1e2)}
+    bounds |= {"durations": (1e-3, 600.0), "starts": (-1e2, 1e2), "ways": (1e-3, 1e2), "shapes": (-1e2, 1e2)}
 
     def action(name: str) -> ActionModel:
         sizes = {
             "states": draw(st.integers(1, 3)),
             "features": width,
             "demonstrations": draw(st.integers(1, 3)),
+            "space": 3,
+            "shape": N_SHAPE,
         }
         tables = {
             name: draw(numbers(tuple(sizes[axis] for axis in axes), *bounds.get(name, (-1e300, 1e300))))
@@ -125,7 +127,7 @@ def test_every_array_of_an_action_model_has_its_axes_checked() -> None:
 
 def a_model() -> dict[str, Any]:
     features = FeatureSpecification(("object",))
-    sizes = {"states": 2, "features": features.n_features, "demonstrations": 3}
+    sizes = {"states": 2, "features": features.n_features, "demonstrations": 3, "space": 3, "shape": N_SHAPE}
     tables = {name: np.full([sizes[axis] for axis in axes], 0.5) for name, axes in AXES.items()}
     action = ActionModel(action="reach", **tables, repetition=2.0)
     background, familiarity = Background(np.ones(features.n_features)), Familiarity(np.ones(1), np.zeros(1))
@@ -198,8 +200,10 @@ def at(*path: str | int, to: Any = None) -> Callable[[dict[str, Any]], None]:
         (at("rest", "spread", to=0.0), "rest"),
         (at("rest", "spread", to=-1.0), "rest"),
         (at("rest", "speed", to=1.0), "rest.speed"),
-        (at("actions", 0, "lengths", to=[0.3]), "actions[0].lengths"),
-        (at("actions", 0, "lengths", 1, to=0.0), "actions[0].lengths"),
+        (at("actions", 0, "ways", to=[[0.3, 0.0, 0.0]]), "actions[0].ways"),
+        (at("actions", 0, "ways", 1, to=[0.0, 0.0, 0.0]), "actions[0].ways"),
+        (at("actions", 0, "starts", 2, 0, to=1e9), "actions[0].starts"),
+        (at("actions", 0, "shapes", 0, 7, to=-1e9), "actions[0].shapes"),
         (at("actions", 0, "repetition", to=0.5), "actions[0].repetition"),
         (at("actions", 0, "repetition", to="2"), "actions[0].repetition"),
     ],
