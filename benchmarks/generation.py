@@ -27,7 +27,17 @@ from app.motion.training import TrainingOptions, fit_model
 from app.motion.trajectory import Demonstration, Floats
 from benchmarks import page
 from benchmarks.folders import SHARED
-from benchmarks.generators import OURS, PEERS, Aligned, Generate, Probabilistic, align, shown_of, teach
+from benchmarks.generators import (
+    AS_THEY_ARE,
+    OURS,
+    PEERS,
+    Aligned,
+    Generate,
+    Probabilistic,
+    align,
+    shown_of,
+    teach,
+)
 from benchmarks.likeness import BANDS, Likeness, at_phases, compare, mean
 from benchmarks.movements import Source, elsewhere, of_folder, reach_to_grasp, simulated
 
@@ -42,6 +52,7 @@ FOLDERS = ("vmci_pick_place", "kinesis_reach_to_grasp", "metaworld_scripted")
 REPORTED = ("metaworld_scripted",)
 """Nothing is asked of these: a scripted policy is no person."""
 
+BEST = "every peer at its best"
 SIMULATED = ("simulated", "simulated elsewhere")
 SPEED = "speed"
 MADE = "as it was made"
@@ -68,12 +79,13 @@ INTRODUCTION = """\
 Each movement that was held out is generated from its own first and last point and its duration, by methods
 that were all taught the same others, and compared with what was made at 101 instants. *Ours* is `generate` of
 the core as it is if nothing else is asked for; *the paper's* is its plain method (Sec. III-D). *DMP* (of the
-mean demonstration; 20 basis functions, smooth scaling) and *ProMP* (conditioned on both end points; 15 basis
-functions) are those of `movement_primitives`, in the world as the library has them and *aligned* in our frame
-of start and goal. The *minimum-jerk line* has learned nothing. What DMP and ProMP leave open was chosen as
-serves them best on these very movements: smooth scaling brings the DMP closer by a tenth to a half; the
-ProMP's weights come by least squares, 1 cm of spread added to each, as the library's expectation maximisation
-is farther off, in the world up to seventeen times; more basis functions help neither.
+mean demonstration; 20 basis functions) and *ProMP* (conditioned on both end points; 15 basis functions) are
+those of `movement_primitives`, in the world as the library has them. The *minimum-jerk line* has learned
+nothing. Then what can be made of them with knowledge of the test: *smooth* scaling brings the DMP closer by a
+tenth to a half; weights by *least squares*, 1 cm of spread added to each, do better than the library's
+expectation maximisation, in the world up to seventeen times; *aligned* they are taught in our frame of start
+and goal, where a movement to somewhere else is like one that was shown. All of this, and the numbers of basis
+functions, was chosen as serves them best on these very movements.
 
 *RMSE*: root mean square distance at the same instants. *DTW*: mean distance of the points that dynamic time
 warping pairs, which forgives timing. *Smoothness*: log dimensionless jerk of Balasubramanian et al. (2015):
@@ -122,13 +134,13 @@ class Measured:
             distance(ours) / distance(theirs) for ours, theirs in pairs for distance in DISTANCES.values()
         )
 
-    def best_peer(self, action: str, distance: Distance) -> str:
+    def best_peer(self, action: str, distance: Distance, peers: Sequence[str] = PEERS) -> str:
         """Return which peer is closest in a class by a distance."""
-        return min(PEERS, key=lambda peer: distance(self.of(peer, action)))
+        return min(peers, key=lambda peer: distance(self.of(peer, action)))
 
-    def lead(self, action: str, distance: Distance) -> Floats:
+    def lead(self, action: str, distance: Distance, peers: Sequence[str] = PEERS) -> Floats:
         """Return (n_movements,) how much farther off than ours the best peer is by a distance [m]."""
-        best = self.best_peer(action, distance)
+        best = self.best_peer(action, distance, peers)
         theirs, ours = ([distance(each) for each in self.found[of][action]] for of in (best, OURS))
         return np.array(theirs, dtype=np.float64) - ours
 
@@ -157,14 +169,14 @@ def measure(source: Source) -> Measured:
 
 def in_hindsight(action: str, test: Sequence[Demonstration]) -> Generate:
     """Return a method that has learned the very movements by which it will be tested."""
-    return Aligned(Probabilistic([align(each) for each in shown_of(action, test)]))
+    return Aligned(Probabilistic([align(each) for each in shown_of(action, test)], least_squares=True))
 
 
 def speeds() -> dict[str, float]:
     """Return the processor time of a movement of N_POINTS points by each method [s]."""
     shown = demonstrations(1)
     taught = teach("grasp", shown, fit_model(shown, FeatureSpecification(("object",)), TrainingOptions()))
-    taught[PROMP_MEAN] = Probabilistic(shown_of("grasp", shown), tells_std=False)
+    taught[PROMP_MEAN] = Probabilistic(shown_of("grasp", shown), least_squares=True, tells_std=False)
     with threadpool_limits(limits=1):
         return {name: processor_time(generate) for name, generate in taught.items()}
 
@@ -185,8 +197,9 @@ def asked(measured: Sequence[Measured], times: Mapping[str, float]) -> Iterator[
     """Yield what is asked for, as far as it was measured."""
     counted = [each for each in measured if each.source.name not in REPORTED]
     if counted:
-        yield _closer_everywhere(counted)
-        yield _closer_overall(counted)
+        for of, peers in ((f"every peer ({', '.join(AS_THEY_ARE)})", AS_THEY_ARE), (BEST, PEERS)):
+            yield _closer_everywhere(counted, of, peers)
+            yield _closer_overall(counted, of, peers)
         ends = max(of.ends for each in measured for one in each.found[OURS].values() for of in one)
         yield page.Goal(f"end points missed by {ENDS:g} m at most", f"{ends:.2g} m", ends <= ENDS)
     for each in measured:
@@ -196,30 +209,30 @@ def asked(measured: Sequence[Measured], times: Mapping[str, float]) -> Iterator[
         yield _soon(times)
 
 
-def _closer_everywhere(counted: Sequence[Measured]) -> page.Goal:
+def _closer_everywhere(counted: Sequence[Measured], of: str, peers: Sequence[str]) -> page.Goal:
     ahead = {
         each.source.name: [
-            each.lead(action, distance).mean() > 0.0
+            each.lead(action, distance, peers).mean() > 0.0
             for action in each.source.classes
             for distance in DISTANCES.values()
         ]
         for each in counted
     }
-    told = ", ".join(f"{name} {sum(of)} of {len(of)}" for name, of in ahead.items())
-    met = all(all(of) for of in ahead.values())
-    return page.Goal("closer than every peer in every class, by RMSE and by DTW", told, met)
+    told = ", ".join(f"{name} {sum(each)} of {len(each)}" for name, each in ahead.items())
+    met = all(all(each) for each in ahead.values())
+    return page.Goal(f"closer than {of} in every class, by RMSE and by DTW", told, met)
 
 
-def _closer_overall(counted: Sequence[Measured]) -> page.Goal:
-    ratios = {peer: statistics.mean(each.ratio(peer) for each in counted) for peer in PEERS}
-    best = max(PEERS, key=lambda peer: ratios[peer])
+def _closer_overall(counted: Sequence[Measured], of: str, peers: Sequence[str]) -> page.Goal:
+    ratios = {peer: statistics.mean(each.ratio(peer) for each in counted) for peer in peers}
+    best = max(peers, key=lambda peer: ratios[peer])
     by_source = ", ".join(
         f"{each.source.name} {each.ratio(peer):.2f} ({peer})"
         for each in counted
-        for peer in [max(PEERS, key=each.ratio)]
+        for peer in [max(peers, key=each.ratio)]
     )
     return page.Goal(
-        f"{100 * BETTER:g} % closer than the best peer overall: at most {1.0 - BETTER:g} of its distance",
+        f"{100 * BETTER:g} % closer overall than {of}: at most {1.0 - BETTER:g} of the distance of the best",
         f"{ratios[best]:.2f} ({best}); {by_source}",
         ratios[best] <= 1.0 - BETTER,
     )
@@ -237,10 +250,12 @@ def _covered(measured: Measured) -> page.Goal:
 
 def _soon(times: Mapping[str, float]) -> page.Goal:
     rivals = {name: of for name, of in times.items() if name.startswith(("DMP", "ProMP"))}
+    alone = rivals.pop(PROMP_MEAN)
     soonest = min(rivals, key=lambda name: rivals[name])
     return page.Goal(
         f"{N_POINTS} points in {1000 * SLOWEST:g} ms of processor time, sooner than DMP and ProMP",
-        f"{1000 * times[OURS]:.2f} ms; {soonest}: {1000 * rivals[soonest]:.2f} ms",
+        f"{1000 * times[OURS]:.2f} ms; {soonest}: {1000 * rivals[soonest]:.2f} ms; "
+        f"{PROMP_MEAN}, which tells no more than positions: {1000 * alone:.2f} ms",
         times[OURS] <= min(SLOWEST, rivals[soonest]),
     )
 

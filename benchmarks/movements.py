@@ -23,6 +23,9 @@ from benchmarks.folders import ROLE, Row, load_sequences, read_rows, split, trac
 N_ELSEWHERE = 60
 """Simulated sequences of four actions that go where nobody has shown."""
 
+N_PAIRS = 5
+"""Of seeds of the simulator, one to teach and one to test."""
+
 N_FOLDS = 9
 """By which the trials of a single person are divided."""
 
@@ -84,9 +87,16 @@ class Source:
 
 
 def simulated() -> Source:
-    """Return the paper's training set by one seed, to be met by another's."""
-    text = "The paper's training set, simulated: taught by one seed, tested by another, at the same places."
-    return Source("simulated", text, [Fold("seed 2", demonstrations(1), demonstrations(2))], (ROLE,))
+    """Return the paper's training set by one seed, to be met by another's, N_PAIRS times."""
+    text = (
+        f"The paper's training set, simulated, at the same places: taught by one seed, tested by another, "
+        f"{N_PAIRS} times."
+    )
+    folds = [
+        Fold(f"seed {2 * pair}", demonstrations(2 * pair - 1), demonstrations(2 * pair))
+        for pair in range(1, N_PAIRS + 1)
+    ]
+    return Source("simulated", text, folds, (ROLE,))
 
 
 def elsewhere() -> Source:

@@ -73,7 +73,10 @@ class GestaClient(Rest[Message]):
     def request(
         self, method: str, path: str, body: Any = None, headers: Mapping[str, str] | None = None
     ) -> Any:
-        """Ask ``/v1{path}`` and return the parsed answer, ``{}`` where it is empty."""
+        """Ask ``/v1{path}`` and return the parsed answer, ``{}`` where it is empty.
+
+        What is no JSON, as asked for by an ``Accept`` header, is returned as text or as bytes.
+        """
         response = self._http.request(method, f"/v1{path}", json=body, headers=dict(headers or {}))
         return _parsed(response)
 
@@ -175,7 +178,10 @@ class AsyncGestaClient(Rest[Coroutine[Any, Any, Message]]):
     async def request(
         self, method: str, path: str, body: Any = None, headers: Mapping[str, str] | None = None
     ) -> Any:
-        """Ask ``/v1{path}`` and return the parsed answer, ``{}`` where it is empty."""
+        """Ask ``/v1{path}`` and return the parsed answer, ``{}`` where it is empty.
+
+        What is no JSON, as asked for by an ``Accept`` header, is returned as text or as bytes.
+        """
         response = await self._http.request(method, f"/v1{path}", json=body, headers=dict(headers or {}))
         return _parsed(response)
 
@@ -257,7 +263,10 @@ def _parsed(response: httpx.Response) -> Any:
         raise ApiError(
             response.status_code, response.json() if is_problem else {"detail": response.text[:200]}
         )
-    return response.json() if response.content else {}
+    kind = response.headers.get("content-type", "").partition(";")[0]
+    if not response.content or kind.endswith("json"):
+        return response.json() if response.content else {}
+    return response.text if kind.startswith("text/") else response.content
 
 
 def _result(job: Message) -> Message:

@@ -99,10 +99,17 @@ class Rest(ABC, Generic[Answer]):
     def generate(
         self, model: str, ref: str | int, action: str, start: ArrayLike, goal: ArrayLike, **fields: Any
     ) -> Answer:
-        """Return a trajectory between two points [m]; fields: rate_hz, duration_s, method, …"""
+        """Return a trajectory between two points [m]; fields: rate_hz, duration_s, limits, via, …"""
         ends = {"start": np.asarray(start, float).tolist(), "goal": np.asarray(goal, float).tolist()}
         path = _path("models", model, "versions", ref, "actions", action, "trajectories")
         return self._message("POST", path, {**ends, **fields})
+
+    def generate_task(
+        self, model: str, ref: str | int, start: ArrayLike, steps: Sequence[Message], **fields: Any
+    ) -> Answer:
+        """Return one trajectory through steps ``{action, goal, …}``; fields as in ``generate``."""
+        body = {"start": np.asarray(start, float).tolist(), "steps": list(steps), **fields}
+        return self._message("POST", _path("models", model, "versions", ref, "trajectories"), body)
 
     def segment(
         self,

@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-from app.motion.shape import MINIMUM_JERK, basis, bring_to_rest
+from app.motion.shape import basis, bring_to_rest, progress
 from app.motion.trajectory import Floats
 
 MEASURED = 5e-4
@@ -47,9 +47,9 @@ class Course:
         return cls(length, bring_to_rest(mean), bring_to_rest(once), covariances)
 
     def derivative(self, phase: Floats, order: int) -> Floats:
-        """Return (n, 3): the derivative of an order, 0 to 3, by phase (n,) [m]."""
+        """Return (n, 3): the derivative of an order, 0 to 2, by phase (n,) [m]."""
         moved = basis(phase, order) @ self.mean.T
-        moved[:, 0] += self.length * MINIMUM_JERK.deriv(order)(phase)
+        moved[:, 0] += self.length * progress(phase, order)
         return moved
 
     def highest(self, order: int) -> float:
@@ -62,7 +62,7 @@ class Course:
     def std(self, phase: Floats) -> Floats:
         """Return (n, 3) standard deviations of the demonstrated [m], zero at both ends."""
         at = basis(phase)
-        variances = np.einsum("nk,akl,nl->na", at, self.shown, at, optimize=True)
+        variances = np.sum((at @ self.shown) * at, axis=2).T
         between = (phase > 0.0) & (phase < 1.0)
         std: Floats = np.sqrt(np.maximum(variances, 0.0) + np.where(between, MEASURED**2, 0.0)[:, None])
         return std
@@ -82,7 +82,7 @@ class Course:
 @cache
 def _closely(order: int) -> tuple[Floats, Floats]:
     """Return the derivatives of the basis and of the minimum-jerk profile at phases close to each other."""
-    return basis(CLOSELY, order), MINIMUM_JERK.deriv(order)(CLOSELY)
+    return basis(CLOSELY, order), progress(CLOSELY, order)
 
 
 def _observed(covariances: Floats, at: Floats, noise: Floats) -> tuple[Floats, Floats]:

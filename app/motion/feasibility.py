@@ -92,15 +92,14 @@ def remoteness(action: ActionModel, start: Floats, way: Floats) -> Iterator[Noti
         nearest = np.clip(point, shown.min(axis=0), shown.max(axis=0))
         if (outside := float(np.linalg.norm(point - nearest))) > lengths.mean():
             yield Notice(f"{name}_far", f"the {name} lies {outside:.2g} m from all that were demonstrated")
-    length = float(np.linalg.norm(way))
+    length, ways = float(np.linalg.norm(way)), np.vstack([action.ways, way])
     for factor, than in ((length / lengths.max(), "longest"), (lengths.min() / length, "shortest")):
         if factor > FAR_LENGTH:
             of = lengths.max() if than == "longest" else lengths.min()
             detail = f"{length:.2g} m are {factor:.2g} times beyond the {than} demonstrated, {of:.2g} m"
             yield Notice("length_far", detail)
-    rises = np.arcsin(action.ways[:, 2] / lengths)
-    rise = float(np.arcsin(way[2] / length))
-    if (steeper := max(rise - rises.max(), rises.min() - rise)) > FAR_RISE:
+    *rises, rise = np.arctan2(ways[:, 2], np.hypot(ways[:, 0], ways[:, 1]))
+    if (steeper := max(rise - max(rises), min(rises) - rise)) > FAR_RISE:
         detail = (
             f"it rises at {np.degrees(rise):.0f} degrees, {np.degrees(steeper):.0f} beyond all demonstrated"
         )

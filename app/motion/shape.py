@@ -29,12 +29,19 @@ ROUGHNESS = 1e-9
 _DEGREE = 5
 _KNOTS = np.pad(np.linspace(0.0, 1.0, N_COEFFICIENTS - 2), _DEGREE, mode="edge")
 _EACH = BSpline(_KNOTS, np.eye(N_COEFFICIENTS + 2)[:, 1:-1], _DEGREE)
+_PROGRESS = tuple(MINIMUM_JERK.deriv(order) for order in range(3))
 _DERIVATIVES = tuple(_EACH.derivative(order) for order in range(4))
 
 
 def basis(phase: Floats, order: int = 0) -> Floats:
     """Return (n, N_COEFFICIENTS): the derivative of an order, by phase (n,), of each basis function."""
     values: Floats = _DERIVATIVES[order](phase)
+    return values
+
+
+def progress(phase: Floats, order: int = 0) -> Floats:
+    """Return (n,): the share of the way of a minimum-jerk movement at a phase, or a derivative of it."""
+    values: Floats = _PROGRESS[order](phase)
     return values
 
 
@@ -46,7 +53,7 @@ def fit_shape(times: Floats, hand: Floats) -> Floats:
     seen = ~np.isnan(hand).any(axis=1)
     phase = ((times - times[0]) / (times[-1] - times[0]))[seen]
     way = hand[-1] - hand[0]
-    deviation = (hand[seen] - hand[0] - np.outer(MINIMUM_JERK(phase), way)) @ alignment(hand[0], hand[-1]).T
+    deviation = (hand[seen] - hand[0] - np.outer(progress(phase), way)) @ alignment(hand[0], hand[-1]).T
     values = basis(phase)
     share = np.gradient(phase)[:, None]
     coefficients = np.linalg.solve(values.T @ (share * values) + _SMOOTHLY, values.T @ (share * deviation))
