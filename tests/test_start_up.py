@@ -87,6 +87,7 @@ def kernels(folder: Path) -> dict[str, int]:
                 "matplotlib",
                 "obstore",
                 "app.demo",
+                "scipy.interpolate",
                 "scipy.stats",
             },
         ),

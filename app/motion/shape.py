@@ -9,13 +9,18 @@ are generated.
 
 from __future__ import annotations
 
+from functools import cache
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.polynomial import Polynomial
-from scipy.interpolate import BSpline
 
 from app.motion.features import alignment
 from app.motion.model import N_COEFFICIENTS
 from app.motion.trajectory import Floats
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 AT_REST = slice(2, -2)
 """Those that may be other than zero where a shape is at rest at both ends."""
@@ -26,16 +31,14 @@ MINIMUM_JERK = Polynomial([0, 0, 0, 10, -15, 6])
 ROUGHNESS = 1e-9
 """Weight of the mean square of a shape's third derivative by phase against that of what it misses."""
 
-_DEGREE = 5
-_KNOTS = np.pad(np.linspace(0.0, 1.0, N_COEFFICIENTS - 2), _DEGREE, mode="edge")
-_EACH = BSpline(_KNOTS, np.eye(N_COEFFICIENTS + 2)[:, 1:-1], _DEGREE)
+DEGREE = 5
+
 _PROGRESS = tuple(MINIMUM_JERK.deriv(order) for order in range(3))
-_DERIVATIVES = tuple(_EACH.derivative(order) for order in range(4))
 
 
 def basis(phase: Floats, order: int = 0) -> Floats:
     """Return (n, N_COEFFICIENTS): the derivative of an order, by phase (n,), of each basis function."""
-    values: Floats = _DERIVATIVES[order](phase)
+    values: Floats = _splines(order)(phase)
     return values
 
 
@@ -56,27 +59,44 @@ def fit_shape(times: Floats, hand: Floats) -> Floats:
     deviation = (hand[seen] - hand[0] - np.outer(progress(phase), way)) @ alignment(hand[0], hand[-1]).T
     values = basis(phase)
     share = np.gradient(phase)[:, None]
-    coefficients = np.linalg.solve(values.T @ (share * values) + _SMOOTHLY, values.T @ (share * deviation))
+    coefficients = np.linalg.solve(values.T @ (share * values) + _smoothly(), values.T @ (share * deviation))
     flat: Floats = coefficients.T.ravel()
     return flat
 
 
 def bring_to_rest(coefficients: Floats) -> Floats:
     """Return the coefficients (…, N_COEFFICIENTS) of the nearest shapes that are at rest at both ends."""
-    return coefficients @ _TO_REST.T
+    return coefficients @ _to_rest().T
 
 
-_FINE = np.linspace(0.0, 1.0, 20 * N_COEFFICIENTS)
-_SMOOTHLY = ROUGHNESS * basis(_FINE, 3).T @ basis(_FINE, 3) / len(_FINE)
+@cache
+def _splines(order: int) -> BSpline:
+    """Return the basis functions, or a derivative of them.
+
+    Of SciPy this part is loaded by the first shape: a server that only recognises has no use for it.
+    """
+    from scipy.interpolate import BSpline  # noqa: PLC0415 (see above)
+
+    knots = np.pad(np.linspace(0.0, 1.0, N_COEFFICIENTS - 2), DEGREE, mode="edge")
+    return BSpline(knots, np.eye(N_COEFFICIENTS + 2)[:, 1:-1], DEGREE).derivative(order)
 
 
+def _alike(order: int) -> Floats:
+    """Return the mean over all phases of the products of the basis functions' derivatives."""
+    fine = basis(np.linspace(0.0, 1.0, 20 * N_COEFFICIENTS), order)
+    return fine.T @ fine / len(fine)
+
+
+@cache
+def _smoothly() -> Floats:
+    return ROUGHNESS * _alike(3)
+
+
+@cache
 def _to_rest() -> Floats:
     """Return the (N_COEFFICIENTS, N_COEFFICIENTS) map of coefficients to those at rest, by least squares."""
-    alike = basis(_FINE).T @ basis(_FINE) / len(_FINE)
-    resting = (alike + _SMOOTHLY)[AT_REST, AT_REST]
+    alike = _alike(0)
+    resting = (alike + _smoothly())[AT_REST, AT_REST]
     to_rest = np.zeros_like(alike)
     to_rest[AT_REST] = np.linalg.solve(resting, alike[AT_REST])
     return to_rest
-
-
-_TO_REST = _to_rest()

@@ -155,7 +155,7 @@ def at(*path: str | int, to: Any = None) -> Callable[[dict[str, Any]], None]:
     [
         (at("format", to="other"), "format"),
         (at("format_version", to=1), "format_version"),
-        (at("format_version", to=3), "format_version"),
+        (at("format_version", to=2), "format_version"),
         (at("format_version", to=True), "format_version"),
         (at("background", to=object), "background"),
         (at("extra", to=1), "extra"),
