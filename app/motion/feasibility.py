@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from app.motion.asked import Workspace
 from app.motion.model import ActionModel
@@ -62,14 +61,15 @@ def rests(times: Floats, velocities: Floats) -> Iterator[Violation]:
             yield Violation(f"moves_at_{name}", float(times[at]), speed, 0.0)
 
 
-def passes(
-    times: Floats, positions: Floats, time: float, point: ArrayLike, std: float
-) -> Iterator[Violation]:
-    """Yield a point (3,) [m] that a movement misses at a time [s] by over MISSED times std [m]."""
-    there = [np.interp(time, times, coordinate) for coordinate in positions.T]
-    distance = float(np.linalg.norm(np.asarray(point) - there))
-    if distance > MISSED * std + CLEARANCE:
-        yield Violation("via", time, distance, MISSED * std)
+def passes(times: Floats, positions: Floats, points: Floats, stds: Floats) -> Iterator[Violation]:
+    """Yield the points (m, 3) that a movement misses by over MISSED times their std (m,) [m].
+
+    times: (m,) when it should pass them [s]; positions: (m, 3) where it is then [m].
+    """
+    distances = np.linalg.norm(positions - points, axis=1)
+    for time, distance, most in zip(times, distances, MISSED * stds, strict=True):
+        if distance > most + CLEARANCE:
+            yield Violation("via", float(time), float(distance), float(most))
 
 
 def _beyond(kind: str, times: Floats, values: Floats, limit: float, sign: float) -> Iterator[Violation]:

@@ -9,7 +9,7 @@ what was learned. The paper's plain method is there for comparison; it does not 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from app.motion.asked import ANY, Limits, Method, Step, Via
 from app.motion.course import Course
 from app.motion.errors import InvalidRequest
-from app.motion.feasibility import Notice, remoteness
+from app.motion.feasibility import Notice, Violation, passes, remoteness, rests
 from app.motion.features import BLEND, alignment, decode
 from app.motion.keypoints import PlainCourse, plain_course_of
 from app.motion.model import ActionModel, Model
@@ -45,7 +45,7 @@ class GeneratedMotion:
 
     times (n,) from 0 [s]; positions [m], velocities [m/s], accelerations [m/s^2] (n, 3); std (n, 3):
     standard deviation of the demonstrated movements along the world's axes [m], zero at both ends; notices:
-    what is to be known about it.
+    what is to be known about it; violations: what it was asked for and does not do.
     """
 
     times: Floats
@@ -54,6 +54,7 @@ class GeneratedMotion:
     accelerations: Floats
     std: Floats
     notices: tuple[Notice, ...] = ()
+    violations: tuple[Violation, ...] = ()
 
 
 def generate(
@@ -82,18 +83,23 @@ def generate(
     wanted = expected_duration(chain, length) if duration is None else check_duration(duration)
     notices = list(remoteness(chain, here, there - here))
     course: Course | PlainCourse
+    fractions, points, stds = _vias(here, there, via)
     if method == "paper":
-        course = plain_course_of(chain).of_length(length)
         if via:
             raise InvalidRequest("via", "the plain method of the paper passes no points; leave one out")
+        course = plain_course_of(chain).of_length(length)
     else:
-        course = _course(chain, here, there, wanted, via)
+        course = Course.of(length, *primitive_of(chain).shape(there - here, wanted))
+        course = course.passing(fractions, points, stds) if via else course
         notices += _shape_notices(chain)
     least = least_duration(course, limits)
     if least > wanted:
         notices.append(Notice("slowed", f"the limits ask for {least:.3g} s instead of {wanted:.3g} s"))
-    n_periods = count_periods(rate, max(wanted, least))
-    return _sampled(course, here, there, n_periods, rate, tuple(notices))
+    motion = _sampled(course, here, there, count_periods(rate, max(wanted, least)), rate)
+    at = fractions * motion.times[-1]
+    missed = passes(at, course.derivative(fractions, 0), points, stds)
+    violations = (*rests(motion.times, motion.velocities), *missed)
+    return replace(motion, notices=tuple(notices), violations=violations)
 
 
 def generate_task(
@@ -130,8 +136,8 @@ def generate_task(
                 raise
             raise InvalidRequest(f"steps.{number}.{error.field}", error.detail) from error
         motions.append(motion)
-        here, n_frames = step.goal, n_frames + len(motion.times)
-        if n_frames > MAX_FRAMES:
+        here, n_frames = step.goal, n_frames + len(motion.times) - 1
+        if n_frames >= MAX_FRAMES:
             raise InvalidRequest("rate", f"all steps at {rate:g} Hz are over {MAX_FRAMES} frames")
     ends = np.cumsum([len(motion.times) - 1 for motion in motions]) / rate
     return join(motions, rate), ends
@@ -145,6 +151,7 @@ def join(motions: Sequence[GeneratedMotion], rate: float) -> GeneratedMotion:
         return np.concatenate([getattr(first, name), *(getattr(other, name)[1:] for other in others)])
 
     positions = all_of("positions")
+    begins = np.cumsum([0.0, *(motion.times[-1] for motion in motions[:-1])])
     return GeneratedMotion(
         times=np.arange(len(positions)) / rate,
         positions=positions,
@@ -156,6 +163,11 @@ def join(motions: Sequence[GeneratedMotion], rate: float) -> GeneratedMotion:
             for number, motion in enumerate(motions)
             for notice in motion.notices
         ),
+        violations=tuple(
+            replace(violation, time=float(begin) + violation.time)
+            for begin, motion in zip(begins, motions, strict=True)
+            for violation in motion.violations
+        ),
     )
 
 
@@ -165,7 +177,6 @@ def _sampled(
     goal: Floats,
     n_periods: int,
     rate: float,
-    notices: tuple[Notice, ...],
 ) -> GeneratedMotion:
     """Return the frames of a course between start and goal that takes so many periods of a rate [Hz]."""
     phase, rotation, seconds = np.linspace(0.0, 1.0, n_periods + 1), alignment(start, goal), n_periods / rate
@@ -177,27 +188,24 @@ def _sampled(
         velocities=course.derivative(phase, 1) @ rotation / seconds,
         accelerations=course.derivative(phase, 2) @ rotation / seconds**2,
         std=np.sqrt(course.std(phase) ** 2 @ rotation**2),
-        notices=notices,
     )
 
 
-def _course(chain: ActionModel, start: Floats, goal: Floats, duration: float, via: Sequence[Via]) -> Course:
-    """Return the course of a movement from start to goal; raises InvalidRequest for a via that is none."""
-    way = goal - start
-    course = Course.of(float(np.linalg.norm(way)), *primitive_of(chain).shape(way, duration))
-    if not via:
-        return course
+def _vias(start: Floats, goal: Floats, via: Sequence[Via]) -> tuple[Floats, Floats, Floats]:
+    """Return (m,) fractions, (m, 3) points in aligned axes from the start [m], and (m,) std [m].
+
+    Raises InvalidRequest for one that is none.
+    """
     if len(via) > MAX_VIA:
         raise InvalidRequest("via", f"are {len(via)}, may be {MAX_VIA} at most")
     for at, each in enumerate(via):
         for name, value, most in (("fraction", each.fraction, 1.0), ("std", each.std, FARTHEST_M)):
             if not 0.0 < value < most:
-                raise InvalidRequest(
-                    f"via.{at}.{name}", f"must lie between 0 and {most:g}, neither included, is {value:g}"
-                )
-    points = np.array([_point(f"via.{at}.position", each.position) for at, each in enumerate(via)])
+                detail = f"must lie between 0 and {most:g}, neither included, is {value:g}"
+                raise InvalidRequest(f"via.{at}.{name}", detail)
+    points = [_point(f"via.{at}.position", each.position) for at, each in enumerate(via)]
     fractions, stds = (np.array([getattr(each, name) for each in via]) for name in ("fraction", "std"))
-    return course.passing(fractions, (points - start) @ alignment(start, goal).T, stds)
+    return fractions, (np.reshape(points, (-1, 3)) - start) @ alignment(start, goal).T, stds
 
 
 def _shape_notices(chain: ActionModel) -> Iterator[Notice]:

@@ -48,7 +48,7 @@ class FeatureSpecification:
         return N_OF_MOVEMENT + N_OF_ROLE * len(self.objects)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ActionModel:
     """The left-right Gaussian HMM of one action class (the paper's A_k).
 

@@ -99,7 +99,6 @@ def primitive_of(action: ActionModel) -> Primitive:
     choices = [
         _Choice.of(hangs_on, growth, strength, ways, tempos, shapes)
         for strength, hangs_on, growth in product(STRENGTHS, CHOICES, GROWTHS)
-        if hangs_on or strength == 1.0
     ]
     chosen = choices[0]
     for choice in choices:
@@ -194,9 +193,7 @@ class _Regression:
 
 
 def _likeness(tasks: Floats, others: Floats) -> Floats:
-    """Return (n, n_others) how much tasks say of others, 0..1; nothing where shapes hang on nothing."""
-    if tasks.shape[1] == 0:
-        return np.zeros((len(tasks), len(others)))
+    """Return (n, n_others) how much tasks say of others, 0..1: all where shapes hang on nothing."""
     likeness: Floats = np.exp(-0.5 * np.sum((tasks[:, None] - others[None]) ** 2, axis=2))
     return likeness
 

@@ -95,8 +95,8 @@ def _smoothly() -> Floats:
 @cache
 def _to_rest() -> Floats:
     """Return the (N_COEFFICIENTS, N_COEFFICIENTS) map of coefficients to those at rest, by least squares."""
-    alike = _alike(0)
-    resting = (alike + _smoothly())[AT_REST, AT_REST]
+    alike = _alike(0) + _smoothly()
+    resting = alike[AT_REST, AT_REST]
     to_rest = np.zeros_like(alike)
     to_rest[AT_REST] = np.linalg.solve(resting, alike[AT_REST])
     return to_rest

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from app.motion.asked import Limits, Method, Step, Workspace
-from app.motion.feasibility import Violation, leaves, passes, rests, sinks, stays_above
+from app.motion.feasibility import Violation, leaves, sinks, stays_above
 from app.motion.generation import GeneratedMotion, generate, generate_task
 from app.registry import models
 from app.registry.records import VersionRecord
@@ -73,28 +73,19 @@ def _told(
     manner: Manner,
 ) -> Generated:
     found = _violations(lab, version, motion, {step.action for step in steps}, manner.workspace)
-    return Generated(version.record, motion, (*found, *_missed(motion, steps, ends)), ends)
+    return Generated(version.record, motion, (*motion.violations, *found), ends)
 
 
 def _violations(
     lab: Lab, version: Version, motion: GeneratedMotion, actions: Iterable[str], workspace: Workspace | None
 ) -> Iterator[Violation]:
-    """Yield where a movement leaves the workspace, goes under the table, or does not rest.
+    """Yield where a movement leaves the workspace or goes under the table.
 
     A table that the demonstrations of one of the actions go below is not one everywhere.
     """
-    yield from rests(motion.times, motion.velocities)
     if workspace is not None:
         yield from leaves(workspace, motion.times, motion.positions)
     if all(stays_above(version.model.action(action)) for action in actions):
         with lab.database.reading() as tx:
             height = models.get(tx, version.record.model).table_height_m
         yield from sinks(height, motion.times, motion.positions)
-
-
-def _missed(motion: GeneratedMotion, steps: Sequence[Step], ends: Sequence[float]) -> Iterator[Violation]:
-    """Yield the points that a movement does not pass as near as it should."""
-    for step, begin, end in zip(steps, (0.0, *ends), ends, strict=False):
-        for via in step.via:
-            at = begin + via.fraction * (end - begin)
-            yield from passes(motion.times, motion.positions, at, via.position, via.std)
