@@ -55,7 +55,7 @@ error of something simpler that a choice with it may leave at most."""
 MOST = 300
 """Demonstrations that are compared; of more, so many are taken at regular intervals."""
 
-SMOOTH = 1.0
+SMOOTH = 1.5
 """Over how many neighbouring coefficients chance is taken to be alike before there is evidence."""
 
 LEAST_STD = 2e-4
