@@ -100,11 +100,16 @@ def simulated() -> Source:
 
 
 def elsewhere() -> Source:
-    """Return the same training, to be met by movements between places that nobody has shown."""
+    """Return the same trainings, to be met by movements between places that nobody has shown."""
     sequences = [recording(seed, 4) for seed in range(N_ELSEWHERE)]
-    test = [each for sequence in sequences for each in sequence.demonstrations()]
-    text = f"The same training; tested on {len(test)} movements between places that nobody has shown."
-    return Source("simulated elsewhere", text, [Fold("untrained", demonstrations(1), test)], (ROLE,))
+    tests = [
+        [each for sequence in sequences[pair::N_PAIRS] for each in sequence.demonstrations()]
+        for pair in range(N_PAIRS)
+    ]
+    n_test = sum(len(test) for test in tests)
+    text = f"The same trainings; tested on {n_test} movements between places that nobody has shown."
+    folds = [Fold(f"untrained {pair}", demonstrations(2 * pair + 1), test) for pair, test in enumerate(tests)]
+    return Source("simulated elsewhere", text, folds, (ROLE,))
 
 
 def of_folder(folder: Path) -> Source:
