@@ -10,6 +10,7 @@ from typing import Any
 
 from fastapi import FastAPI
 
+from app import dashboard
 from app.api import (
     demonstrations,
     health,
@@ -51,6 +52,7 @@ def create_app(settings: Settings | None = None, limits: Limits | None = None) -
     )
     for room in rooms:
         app.include_router(room.router)
+    app.routes.extend(dashboard.routes())
     problems.install(app)
     app.add_middleware(BodyLimit, most=chosen.max_body_bytes)
     app.add_middleware(RequestIds)

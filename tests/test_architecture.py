@@ -53,7 +53,7 @@ TABLE = {
             "app.registry.records",
         ),
     ),
-    "app.dashboard": Room(),
+    "app.dashboard": Room(("starlette",)),
     "app.client": Room(("httpx", "websockets", "numpy")),
     "app.settings": Room(("pydantic", "pydantic_settings")),
     "app.main": Room(("fastapi", "starlette"), (*ROOMS, "app.settings")),

@@ -1,0 +1,63 @@
+/** Which model, and which of its versions. */
+
+import { all, at } from './api.js';
+import { field, fill, h, offer, select } from './elements.js';
+import { meet } from './palette.js';
+import { problemBox, word } from './words.js';
+
+/** Tells of `change` when another version is chosen. */
+export class ModelChoice extends EventTarget {
+  constructor() {
+    super();
+    this.models = select([], '', { 'aria-label': 'Model', onchange: () => this.#open() });
+    this.numbers = select([], '', { 'aria-label': 'Version', onchange: () => this.#tell() });
+    this.trouble = h('div');
+    const version = h('div.field', {}, h('span.field-name', {}, word('version', 'Version')), this.numbers);
+    this.element = h('div', {}, h('div.row', {}, field('Model', this.models), version), this.trouble);
+    /** @type {any[]} */
+    this.known = [];
+    /** @type {any[]} */
+    this.versions = [];
+  }
+
+  /** The model that is chosen, undefined where there is none. */
+  get model() {
+    return this.known.find((model) => model.name === this.models.value);
+  }
+
+  /** The version that is chosen, undefined where there is none. */
+  get version() {
+    return this.versions.find((version) => String(version.version) === this.numbers.value);
+  }
+
+  /** The address of the chosen version. @param {...string} further */
+  address(...further) {
+    return at('models', this.version.model, 'versions', this.version.version, ...further);
+  }
+
+  /** @param {string | null} [model] @param {string | null} [version] preferred ones */
+  async load(model, version) {
+    try {
+      this.known = await all(at('models'), 'models');
+      offer(this.models, this.known.map(({ name }) => name), model || '');
+      await this.#open(version);
+    } catch (error) {
+      fill(this.trouble, problemBox(error));
+    }
+  }
+
+  /** @param {unknown} [preferred] */
+  async #open(preferred) {
+    fill(this.trouble);
+    this.versions = this.model ? await all(at('models', this.model.name, 'versions'), 'versions', 100) : [];
+    for (const version of this.versions.toReversed()) meet(version.actions);
+    const promoted = this.versions.find((each) => each.aliases.includes('production')) || this.versions[0];
+    const chosen = typeof preferred === 'string' ? preferred : String(promoted?.version ?? '');
+    offer(this.numbers, this.versions.map((each) => [String(each.version), [each.version, ...each.aliases].join(' · ')]), chosen);
+    this.#tell();
+  }
+
+  #tell() {
+    this.dispatchEvent(new Event('change'));
+  }
+}
