@@ -41,7 +41,7 @@ TABLE = {
     "app.motion": Room(
         ("numpy", "scipy", "numba", "llvmlite", "hmmlearn", "sklearn"), must_not=(*CLOCK, *FILES, *WORLD)
     ),
-    "app.formats": Room(("numpy", "mcap", "mcap_ros2"), VALUES),
+    "app.formats": Room(("numpy", "ezc3d", "mcap", "mcap_ros2", "rosbags"), VALUES),
     "app.registry": Room(("sqlalchemy", "alembic", "numpy", "obstore"), VALUES),
     "app.service": Room(("dbos", "numpy"), ("app.motion", "app.formats", "app.registry")),
     "app.api": Room(
