@@ -1,7 +1,8 @@
 """C3D, read by ezc3d: points of which the camera saw nothing (residual -1) are gaps.
 
-The length unit is in POINT:UNITS. The file may say in POINT:Y_SCREEN which axis points up on a screen, which
-is up. What a program computed and filed among the points (angles, forces, …) is left out.
+The length unit is in POINT:UNITS. The file may say in POINT:Y_SCREEN which axis points up on a screen: that
+is up where the caller declares nothing else. What a program computed and filed among the points (angles,
+forces, …) is left out.
 """
 
 from __future__ import annotations
@@ -40,12 +41,13 @@ def _capture(file: Any, declared: Declared) -> Capture:
     names = distinct(names + [""] * (positions.shape[1] - len(names)))
     computed = {str(name).strip() for key in NO_PLACES for name in _value(parameters, key)}
     units = [str(unit) for unit in _value(parameters, "UNITS") if str(unit).strip()]
-    screen = [str(axis).strip().upper() for axis in _value(parameters, "Y_SCREEN")]
+    screen = [UP_ON_SCREEN.get(str(axis).strip().upper()) for axis in _value(parameters, "Y_SCREEN")]
+    up_axis = next(iter(screen), None) if declared.up_axis is None else None
     geometry = resolve(
         TITLE,
         declared,
         unit_of(units[0], "POINT:UNITS") if units else None,
-        UP_ON_SCREEN.get(screen[0]) if screen else None,
+        up_axis,
     )
     header = file["header"]["points"]
     frames = np.arange(len(positions)) + int(header["first_frame"]) + 1
@@ -57,7 +59,10 @@ def _capture(file: Any, declared: Declared) -> Capture:
         frames,
         {name: metres[:, at] for at, name in enumerate(names) if name not in computed},
         rate,
-        notes=_notes(file, sorted(computed & set(names))),
+        notes=(
+            *([f"up axis {up_axis}, as POINT:Y_SCREEN has it"] if up_axis else ()),
+            *_notes(file, sorted(computed & set(names))),
+        ),
     )
 
 

@@ -49,8 +49,8 @@ PROGRAM = "app.formats.apart"
 class Limits:
     """What a reader may use: processor time and time by the clock [s], memory and what it writes [bytes]."""
 
-    processor_s: int = 60
-    wall_s: float = 120.0
+    processor_s: int = 30
+    wall_s: float = 60.0
     memory: int = 4096 * MIB
     output: int = 1024 * MIB
 

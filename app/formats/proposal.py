@@ -33,6 +33,8 @@ THINGS = re.compile(
     r"obj|box|boite|cube|block|brick|cup|mug|bottle|ball|pillow|tool|handle|(^|[^a-z])peg", re.IGNORECASE
 )
 
+SEPARATOR = re.compile(r"[ _.:/-]")
+
 WINDOW_S = 0.1
 """Velocities are taken over this time [s]."""
 STILL_M_S, MOVING_M_S = 0.03, 0.1
@@ -95,12 +97,10 @@ def _hand(capture: Capture) -> tuple[str, str]:
 
 
 def _thing(name: str) -> str:
-    """Return what a marker is on: of ``Subject:marker`` the subject, of ``Box back`` the box."""
-    subject = name.partition(":")[0]
-    if subject != name and THINGS.search(subject):
-        return subject
-    *words, last = re.split(r"[ _.:/-]+", name)
-    return name if THINGS.search(last) else " ".join(words).strip()
+    """Return what a marker is on: of ``boite:front_left`` the ``boite``, of ``red_box_1`` the ``red_box``."""
+    found = THINGS.search(name)
+    end = SEPARATOR.search(name, found.end() if found else len(name))
+    return name[: end.start() if end else len(name)].strip(" _.:/-")
 
 
 def _gaps(capture: Capture, name: str) -> float:

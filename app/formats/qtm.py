@@ -64,7 +64,7 @@ def _header(sheet: Sheet) -> Header:
         if not any(cells):
             continue
         key = cells[0]
-        if key == "Frame":
+        if key == "Frame" or key.endswith(" X"):
             return Header(values, events, sheet.row(index), index + 1)
         if not key.replace("_", "").isupper():
             return Header(values, events, [], index)
@@ -79,19 +79,18 @@ def _columns(header: Header, width: int) -> tuple[dict[int, str], int]:
     """Return column -> name of each marker, and how many columns stand before the first: 0 or 2."""
     names = header.values.get("MARKER_NAMES", [])
     if header.columns:
-        if header.columns[:2] != ["Frame", "Time"]:
-            raise Unreadable(f"line {header.first}", "needs the columns Frame and Time before all others")
-        return _by_columns(header.columns, f"line {header.first}"), 2
+        n_before = 2 if header.columns[:2] == ["Frame", "Time"] else 0
+        return _by_columns(header.columns, n_before, f"line {header.first}"), n_before
     if not names:
         raise Unreadable("", "has neither MARKER_NAMES nor names of columns")
     n_before = 0 if width <= 3 * len(names) else 2
     return {n_before + 3 * at: name for at, name in enumerate(names)}, n_before
 
 
-def _by_columns(columns: list[str], place: str) -> dict[int, str]:
+def _by_columns(columns: list[str], n_before: int, place: str) -> dict[int, str]:
     """Return column -> name of what is called ``NAME X``, ``NAME Y``, ``NAME Z``."""
     found = {}
-    for start in range(2, len(columns), 3):
+    for start in range(n_before, len(columns), 3):
         split = [column.rpartition(" ") for column in columns[start : start + 3]]
         names, axes = {name for name, _, _ in split}, tuple(axis.casefold() for _, _, axis in split)
         if len(names) > 1 or axes != AXES:

@@ -43,25 +43,24 @@ def _never(_: bytes) -> bool:
 
 FORMATS = (
     Format(c3d.NAME, c3d.TITLE, (".c3d",), _is_c3d, c3d.read),
-    Format(
-        qtm.NAME, qtm.TITLE, (".tsv",), _starts(b"NO_OF_FRAMES\t", b"FILE_VERSION\t", b"NO_OF_"), qtm.read
-    ),
+    Format(qtm.NAME, qtm.TITLE, (".tsv",), _starts(b"NO_OF_", b"FILE_VERSION\t", b"Frame\tTime\t"), qtm.read),
     Format(
         nexus.NAME,
         nexus.TITLE,
-        (),
+        (".csv",),
         _starts(*(f"{name}{end}".encode() for name in nexus.SECTIONS for end in (",", "\r", "\n"))),
         nexus.read,
     ),
-    Format(motive.NAME, motive.TITLE, (), _starts(b"Format Version,"), motive.read),
+    Format(motive.NAME, motive.TITLE, (".csv",), _starts(b"Format Version,"), motive.read),
     Format(trc.NAME, trc.TITLE, (".trc",), _starts(b"PathFileType"), trc.read),
     Format(bvh.NAME, bvh.TITLE, (".bvh",), _starts(b"HIERARCHY"), bvh.read),
     Format(bags.MCAP, "MCAP", (".mcap",), _starts(b"\x89MCAP"), bags.read_mcap),
     Format(bags.BAG, "ROS 1 bag", (".bag",), _starts(b"#ROSBAG"), bags.read_rosbag1),
     Format(bags.BAG2, "ROS 2 bag", (".db3",), _starts(b"SQLite format 3"), bags.read_rosbag2),
     Format(npz.NAME, npz.TITLE, (".npz",), _starts(b"PK\x03\x04"), npz.read),
-    Format(plain.NAME, plain.TITLE, (".csv",), _never, plain.read),
+    Format(plain.NAME, plain.TITLE, (".csv", ".tsv"), _never, plain.read),
 )
+"""The last of those that share an end of name is the one without a mark."""
 
 NOT_READ = {
     ".n3d": "NDI Optotrak N3D files are not read; export C3D from NDI First Principles instead",
@@ -87,9 +86,9 @@ def format_of(path: Path) -> Format:
     marked = [known for known in FORMATS if known.begins(head)]
     named = [known for known in FORMATS if suffix in known.suffixes]
     if not marked and not named:
-        known = ", ".join(f"{known.title} ({' '.join(known.suffixes) or '.csv'})" for known in FORMATS)
+        known = ", ".join(f"{known.title} ({' '.join(known.suffixes)})" for known in FORMATS)
         raise UnknownFormat(f"{path.name or path} is in no format that is known: {known}")
-    return (marked or named)[0]
+    return marked[0] if marked else named[-1]
 
 
 def read(path: Path, declared: Declared = Declared()) -> Capture:

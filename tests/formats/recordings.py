@@ -118,8 +118,12 @@ def npz(path: Path) -> None:
     np.savez(path, **arrays)
 
 
-def c3d(path: Path) -> None:
+def c3d(path: Path, screen: str | None = None, angles: list[str] | None = None) -> None:
     file = ezc3d.c3d()
+    if screen:
+        file.add_parameter("POINT", "Y_SCREEN", [screen])
+    if angles:
+        file.add_parameter("POINT", "ANGLES", angles)
     names = list(tracks())
     points = np.ones((4, len(names), N_FRAMES))
     points[:3] = np.stack(list(tracks().values())).transpose(2, 0, 1) * 1000.0

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import Writer as McapWriter
 from mcap_ros2.writer import Writer
 from rosbags import rosbag1
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -122,6 +123,17 @@ def test_a_bag_without_places_names_its_topics(tmp_path: Path) -> None:
     with pytest.raises(
         Unreadable, match=r"topics are /p \(geometry_msgs/msg/Point\); read are .*PoseStamped"
     ):
+        read(tmp_path / "a.mcap")
+
+
+def test_messages_of_other_encodings_are_named(tmp_path: Path) -> None:
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        channel = writer.register_channel("/j", "json", writer.register_schema("Pose", "jsonschema", b"{}"))
+        writer.add_message(channel, 0, b"{}", 0)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(Unreadable, match=r"topics are /j \(json messages\)"):
         read(tmp_path / "a.mcap")
 
 

@@ -59,6 +59,7 @@ def test_the_goal_may_be_the_frame_after_the_last() -> None:
 
 REFUSED: dict[str, tuple[object, str]] = {
     "no json": ("[{", "^no JSON"),
+    "a huge cell": ("action,start_s,end_s\n" + "a" * 200_000, "^line .*: no table: field larger"),
     "no list": ({"action": "a"}, "^needs a list"),
     "no object": ([1], "^label 0: needs an object"),
     "no action": ([{"start_s": 1, "end_s": 2}], "^label 0: has no action"),

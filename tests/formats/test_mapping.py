@@ -97,6 +97,12 @@ def test_a_wrong_unit_is_found() -> None:
         (("RFIN", "RELB", "RSHO"), "RFIN", {}),
         (("/hand/pose", "/object/pose"), "/hand/pose", {"object": ("/object/pose",)}),
         (("boite:left", "boite:right", "Eve:WRIST"), "Eve:WRIST", {"object": ("boite:left",)}),
+        (("hand", "boite_left_ext", "boite_right_int"), "hand", {"object": ("boite_left_ext",)}),
+        (
+            ("hand", "/red/box_1/pose", "Tool:1"),
+            "hand",
+            {"red/box": ("/red/box_1/pose",), "Tool": ("Tool:1",)},
+        ),
         (("hand", "red_cube", "blue_cube"), "hand", {"red_cube": ("red_cube",), "blue_cube": ("blue_cube",)}),
         (("gripper_tcp", "cup"), "gripper_tcp", {"object": ("cup",)}),
     ],

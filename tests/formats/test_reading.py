@@ -103,7 +103,7 @@ VARIANTS: dict[str, tuple[str, Callable[[Path], None], Declared]] = {
     "trc of commas": ("a.trc", content(recordings.trc, separator=","), Z_UP),
     "trc in metres": ("a.trc", content(recordings.trc, unit="m", scale=1.0), Z_UP),
     "csv of semicolons": ("a.csv", content(recordings.csv, separator=";"), METRES),
-    "csv of tabs, called tsv": ("a.csv", content(recordings.csv, separator="\t"), METRES),
+    "csv of tabs": ("a.tsv", content(recordings.csv, separator="\t"), METRES),
     "csv of underscores": ("a.csv", content(recordings.csv, between="_"), METRES),
 }
 
@@ -120,6 +120,55 @@ def test_qtm_without_names_of_columns_counts_from_the_first_frame(tmp_path: Path
     capture = read(tmp_path / "a.tsv", Z_UP)
     assert capture.times == pytest.approx(TIMES - TIMES[0])
     np.testing.assert_allclose(capture.tracks["Hand"], recordings.tracks()["Hand"], atol=1e-12)
+
+
+def test_qtm_with_names_of_columns_but_no_times(tmp_path: Path) -> None:
+    lines = [line.split("\t") for line in recordings.qtm().decode().splitlines()]
+    (tmp_path / "a.tsv").write_text(
+        "".join("\t".join(cells[2:] if at > 3 else cells) + "\n" for at, cells in enumerate(lines))
+    )
+    same(read(tmp_path / "a.tsv", Z_UP))
+
+
+def test_qtm_without_a_header_has_its_times(tmp_path: Path) -> None:
+    (tmp_path / "a.tsv").write_bytes(b"".join(recordings.qtm().splitlines(keepends=True)[4:]))
+    same(read(tmp_path / "a.tsv", Z_UP))
+
+
+@pytest.mark.parametrize(("screen", "up"), [("+Z", "z"), ("+Y", "y"), ("-Z", None), ("+X", None)])
+def test_c3d_says_what_is_up_on_a_screen(screen: str, up: str | None, tmp_path: Path) -> None:
+    path = tmp_path / "a.c3d"
+    recordings.c3d(path, screen)
+    if up is None:
+        with pytest.raises(UndeclaredGeometry, match="up_axis"):
+            read(path)
+        return
+    found, expected = read(path), read(path, Declared(up_axis=up))  # type: ignore[arg-type]
+    assert found.notes == (f"up axis {up}, as POINT:Y_SCREEN has it",)
+    np.testing.assert_array_equal(found.tracks["Hand"], expected.tracks["Hand"])
+    same(read(path, Z_UP), 1e-7)
+
+
+def test_c3d_leaves_out_what_is_no_place(tmp_path: Path) -> None:
+    recordings.c3d(tmp_path / "a.c3d", angles=["Box"])
+    capture = read(tmp_path / "a.c3d", Z_UP)
+    assert list(capture.tracks) == ["Hand"]
+    assert capture.notes == ("no positions, not read: Box",)
+
+
+def test_motive_tells_bodies_and_markers_of_one_name_apart(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(recordings.motive().replace(b'"Box"', b"Hand"))
+    assert list(read(tmp_path / "a.csv").tracks) == ["Hand", "Hand (Marker)"]
+
+
+def test_nexus_has_other_sections_too(tmp_path: Path) -> None:
+    others = b"Devices\n1000\n,,Force\nFrame,Sub Frame,Fx\n,,N\n1,0,3\n\n"
+    (tmp_path / "a.csv").write_bytes(
+        others + recordings.nexus() + b"\n" + others.replace(b"Devices", b"Joints")
+    )
+    capture = read(tmp_path / "a.csv", Z_UP)
+    same(capture)
+    assert capture.notes == ("sections not read: Devices, Joints",)
 
 
 def test_a_bag_in_its_folder(tmp_path: Path) -> None:
@@ -200,6 +249,46 @@ REFUSED: dict[str, tuple[str, str | bytes, type[FormatError], str]] = {
         recordings.bvh().rsplit(b" ", 1)[0],
         Unreadable,
         "line 48: has 5 numbers, needs 6",
+    ),
+    "bvh end": ("a.bvh", "HIERARCHY\nROOT a\n{\nEnd Site\n{\nJOINT b\n", Unreadable, "line 6: an end site"),
+    "bvh channel": ("a.bvh", recordings.bvh().replace(b"Xpos", b"Wpos"), Unreadable, "line 5: channel 'Wpos"),
+    "bvh hierarchy": ("a.bvh", "HIERARCHY\nROOT a\n", Unreadable, "a.bvh: ends before MOTION"),
+    "bvh number": (
+        "a.bvh",
+        recordings.bvh().replace(b"Time: 0", b"Time: x"),
+        Unreadable,
+        "line 18: .*'x.02'",
+    ),
+    "bvh period": (
+        "a.bvh",
+        recordings.bvh().replace(b": 0.02", b": 0"),
+        Unreadable,
+        "0 is no positive number",
+    ),
+    "bvh frames": (
+        "a.bvh",
+        recordings.bvh().replace(b"Frames", b"Count"),
+        Unreadable,
+        "line 17: needs 'Frames:'",
+    ),
+    "qtm names": (
+        "a.tsv",
+        recordings.qtm().replace(b"Box Y", b"Cup Y"),
+        Unreadable,
+        "line 5: column 6: needs",
+    ),
+    "trc columns": (
+        "a.trc",
+        recordings.trc().replace(b"Time", b"When"),
+        Unreadable,
+        "line 4: needs the columns",
+    ),
+    "nexus columns": ("a.csv", recordings.nexus().replace(b"Sub ", b"Sup "), Unreadable, "line 4: needs the"),
+    "motive top": (
+        "a.csv",
+        recordings.motive().replace(b"Frame,", b"Name,"),
+        Unreadable,
+        "no row that begins",
     ),
     "bag": ("a.bag", "#ROSBAG V2.0\n", Unreadable, "a.bag: rosbags cannot read it"),
     "mcap": ("a.mcap", b"\x89MCAP0\r\n", Unreadable, "a.mcap: mcap cannot read it"),
