@@ -40,7 +40,8 @@ ERRORS: dict[str, type[FormatError]] = {
 """What a reader may say."""
 
 MIB = 1 << 20
-LONGEST_NAME = 100
+LONGEST_NAME = 60
+"""Characters of a file's name, of four bytes at most."""
 
 PROGRAM = "app.formats.apart"
 
