@@ -12,6 +12,7 @@ from fastapi import FastAPI
 
 from app import dashboard
 from app.api import (
+    captures,
     demonstrations,
     health,
     jobs,
@@ -40,6 +41,7 @@ def create_app(settings: Settings | None = None, limits: Limits | None = None) -
     app = FastAPI(title="Gesta", lifespan=_lifespan(chosen, limits or Limits()), **openapi.DESCRIPTION)
     rooms = (
         models,
+        captures,
         demonstrations,
         versions,
         trajectories,
@@ -50,6 +52,7 @@ def create_app(settings: Settings | None = None, limits: Limits | None = None) -
         server,
         health,
     )
+    app.include_router(captures.forms)
     for room in rooms:
         app.include_router(room.router)
     app.routes.extend(dashboard.routes())

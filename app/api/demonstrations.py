@@ -43,6 +43,33 @@ EXAMPLE: JsonDict = {
 }
 
 
+FORM: JsonDict = {
+    "type": "object",
+    "description": "A labelled motion-capture file, in any format that `/v1/captures` looks into.",
+    "required": ["file", "mapping"],
+    "properties": {
+        "file": {"type": "string", "format": "binary"},
+        "mapping": {
+            "type": "string",
+            "description": 'JSON: `{"hand": TRACK, "objects": {ROLE: TRACK or [TRACK, …]}}`.',
+        },
+        "segments": {
+            "type": "string",
+            "format": "binary",
+            "description": "JSON or CSV: action, start and end, by seconds or frames; default: those in it.",
+        },
+        "actions": {
+            "type": "string",
+            "description": "JSON: `{LABEL: ACTION}`; labels of other names are left out.",
+        },
+        "length_unit": {"type": "string", "enum": ["m", "cm", "mm"]},
+        "up_axis": {"type": "string", "enum": ["z", "y"]},
+        "table_height_m": {"type": "number"},
+    },
+}
+"""What a form tells; ``captures.upload`` takes it."""
+
+
 class DemonstrationSent(Request):
     """A trajectory of exactly one action; its last frame is the goal."""
 
@@ -101,7 +128,13 @@ class DemonstrationsTold(Answer):
     next_page_token: str | None
 
 
-@router.post("", status_code=201, summary="Upload demonstrations", responses=refusals(400, 404, 413))
+@router.post(
+    "",
+    status_code=201,
+    summary="Upload demonstrations",
+    responses=refusals(400, 404, 413),
+    openapi_extra={"requestBody": {"content": {"multipart/form-data": {"schema": FORM}}}},
+)
 def upload(model: str, body: DemonstrationsSent, lab: LabOf) -> Uploaded:
     """All or nothing; what the model has already is told, not stored again."""
     geometry, scene = body.ground()

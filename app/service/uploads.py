@@ -70,9 +70,9 @@ def read_trajectory(sent: SentTrajectory, geometry: Geometry, pointer: str = "")
 def as_sent(trajectory: Trajectory) -> SentTrajectory:
     """Return a trajectory as it would be sent in metres, Z up; inverts ``read_trajectory``."""
     return SentTrajectory(
-        hand=_rows(trajectory.hand),
+        hand=rows_of(trajectory.hand),
         t=trajectory.times.tolist(),
-        objects={name: _rows(track) for name, track in trajectory.objects.items()},
+        objects={name: rows_of(track) for name, track in trajectory.objects.items()},
     )
 
 
@@ -104,7 +104,7 @@ def add_demonstrations(
     lab: Lab, model: str, sent: Sequence[tuple[str, SentTrajectory]], geometry: Geometry, scene: Scene | None
 ) -> Added:
     """Add (action, trajectory) pairs, all or none. Raises NotFound, ContentRefused."""
-    specification, chosen = _ground(lab, model, scene)
+    specification, chosen = ground(lab, model, scene)
     pointers = [f"/demonstrations/{index}" for index in range(len(sent))]
 
     def read(index: int) -> Demonstration:
@@ -129,17 +129,28 @@ def add_recording(
 
     Raises NotFound, ContentRefused.
     """
-    specification, chosen = _ground(lab, model, scene)
+    specification, chosen = ground(lab, model, scene)
     ordered = sorted(range(len(labels)), key=lambda index: labels[index].start_s)
     recording = read_recording(sent, labels, geometry, chosen)
     pointers = [f"/recording/segments/{index}" for index in ordered]
-    meta = {"recording": lab.store.put(dump_recording(recording))}
-    return keep(lab, model, recording.demonstrations(), specification, pointers, meta)
+    return keep_recording(lab, model, recording, specification, pointers)
 
 
 def specification_of(model: ModelRecord) -> FeatureSpecification:
     """Return what the action models of a model observe."""
     return FeatureSpecification(model.objects, **model.features)
+
+
+def keep_recording(
+    lab: Lab,
+    model: str,
+    recording: Recording,
+    specification: FeatureSpecification,
+    pointers: Sequence[str],
+) -> Added:
+    """Keep the demonstrations of a labelled recording, and the recording: see ``keep``."""
+    meta = {"recording": lab.store.put(dump_recording(recording))}
+    return keep(lab, model, recording.demonstrations(), specification, pointers, meta)
 
 
 def keep(
@@ -171,7 +182,8 @@ def keep(
         return demonstrations.add(tx, model, [demonstrations.describe(*item, meta) for item in kept])
 
 
-def _ground(lab: Lab, model: str, scene: Scene | None) -> tuple[FeatureSpecification, Scene]:
+def ground(lab: Lab, model: str, scene: Scene | None) -> tuple[FeatureSpecification, Scene]:
+    """Return what a model observes, and the scene or that of the model. Raises NotFound."""
     with lab.database.reading() as tx:
         record = models.get(tx, model)
     return specification_of(record), scene or Scene(record.table_height_m)
@@ -197,7 +209,8 @@ def _positions(track: Sequence[Position | None]) -> Floats:
     return np.array(rows, dtype=np.float64).reshape(len(rows), 3)
 
 
-def _rows(track: Floats) -> list[Position | None]:
+def rows_of(track: Floats) -> list[Position | None]:
+    """Return positions (n, 3) as they are sent; a dropout is None."""
     return [None if np.isnan(position[0]) else position.tolist() for position in track]
 
 
