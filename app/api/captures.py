@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from fastapi import APIRouter, File, Form, UploadFile
+from fastapi import APIRouter, File, Form, Request, UploadFile
+from fastapi.exceptions import RequestValidationError
+from fastapi.params import Depends as Dependency
 from fastapi.routing import APIRoute
 from pydantic import Field
 from starlette.datastructures import Headers
@@ -31,6 +33,25 @@ class FormRoute(APIRoute):
 
 router = APIRouter(prefix="/v1", tags=["captures"])
 forms = APIRouter(prefix="/v1/models/{model}/demonstrations", route_class=FormRoute)
+
+
+def _takes(*names: str) -> Dependency:
+    """Return what refuses a form with other fields than these."""
+
+    async def check(request: Request) -> None:
+        unknown = [name for name in await request.form() if name not in names]
+        if unknown:
+            raise RequestValidationError(
+                [
+                    {"loc": ("body", name), "type": "extra_forbidden", "msg": "there is no such field"}
+                    for name in unknown
+                ]
+            )
+
+    return Dependency(check)
+
+
+FILE = ("file", "length_unit", "up_axis")
 
 Unit = Annotated[
     Literal["m", "cm", "mm"] | None, Form(description="Of the file's numbers, where its format has none.")
@@ -69,13 +90,23 @@ class CaptureTold(Answer):
         )
 
 
-@router.post("/captures", summary="Look into a motion-capture file", responses=refusals(400, 413))
+@router.post(
+    "/captures",
+    summary="Look into a motion-capture file",
+    responses=refusals(400, 413),
+    dependencies=[_takes(*FILE)],
+)
 def look(file: UploadFile, length_unit: Unit = None, up_axis: Up = None) -> CaptureTold:
     """C3D, QTM TSV, Vicon Nexus and Motive CSV, TRC, BVH, MCAP, ROS bags, plain CSV, NPZ. Nothing is kept."""
     return CaptureTold.of(captures.look(_sent(file, length_unit, up_axis)))
 
 
-@forms.post("", status_code=201, include_in_schema=False)
+@forms.post(
+    "",
+    status_code=201,
+    include_in_schema=False,
+    dependencies=[_takes(*FILE, "mapping", "segments", "actions", "table_height_m")],
+)
 def upload(
     model: str,
     file: UploadFile,

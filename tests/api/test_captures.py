@@ -172,6 +172,12 @@ def test_a_form_without_its_parts_is_refused(client: GestaClient, new_model: Cal
     assert {place["pointer"] for place in answer.json()["errors"]} == {"/file", "/mapping"}
 
 
+def test_a_form_with_another_field_is_refused(client: GestaClient, shown: Recording) -> None:
+    answer = look(client, tsv(shown), "take.tsv", up="z")
+    assert answer.status_code == 422
+    assert [place["pointer"] for place in answer.json()["errors"]] == ["/up"]
+
+
 @pytest.mark.shared
 def test_a_person_teaches_by_the_files_of_their_lab(
     client: GestaClient, new_model: Callable[..., str]
