@@ -14,6 +14,7 @@ import pytest
 from app.client import GestaClient
 from app.motion.simulation import recording
 from app.motion.trajectory import Recording
+from tests.takes import qtm_tsv
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 TRACKS = {"hand": "Hand top", "objects": {"object": "Box"}}
@@ -23,27 +24,6 @@ TRACKS = {"hand": "Hand top", "objects": {"object": "Box"}}
 def shown() -> Recording:
     """Four simulated actions."""
     return recording(5, 4)
-
-
-def tsv(shown: Recording, gap: int | None = None) -> bytes:
-    """Return it as QTM exports it, in millimetres; gap: a frame in which the hand is not seen."""
-    motion, lines = shown.trajectory, []
-    names = ("Hand top", "Box")
-    axes = "\t".join(f"{name} {axis}" for name in names for axis in "XYZ")
-    tracks = 1000.0 * np.hstack([motion.hand, motion.objects["object"]])
-    for frame, (time, row) in enumerate(zip(motion.times, tracks, strict=True)):
-        cells = [f"{value:.6f}" for value in row]
-        if frame == gap:
-            cells[:3] = [""] * 3
-        lines.append("\t".join([str(frame + 1), f"{time:.6f}", *cells]))
-    head = [
-        f"NO_OF_FRAMES\t{len(lines)}",
-        "NO_OF_MARKERS\t2",
-        "FREQUENCY\t100",
-        "MARKER_NAMES\t" + "\t".join(names),
-        f"Frame\tTime\t{axes}",
-    ]
-    return "\n".join([*head, *lines, ""]).encode()
 
 
 def look(client: GestaClient, content: bytes, name: str, **fields: str) -> httpx.Response:
@@ -70,7 +50,7 @@ def labels_of(shown: Recording) -> list[dict[str, Any]]:
 
 
 def test_a_file_is_told_in_metres_with_a_mapping(client: GestaClient, shown: Recording) -> None:
-    answer = look(client, tsv(shown, gap=3), "take.tsv", up_axis="z").json()
+    answer = look(client, qtm_tsv(shown, gap=3), "take.tsv", up_axis="z").json()
     assert (answer["format"], answer["rate_hz"]) == ("qtm-tsv", 100.0)
     np.testing.assert_allclose(answer["t"], shown.trajectory.times, atol=1e-9)
     assert answer["tracks"]["Hand top"].pop(3) is None
@@ -82,7 +62,7 @@ def test_a_file_is_told_in_metres_with_a_mapping(client: GestaClient, shown: Rec
 
 def test_nothing_is_kept_of_what_was_looked_into(client: GestaClient, shown: Recording) -> None:
     before = client.request("GET", "/models?page_size=500")
-    look(client, tsv(shown), "take.tsv", up_axis="z")
+    look(client, qtm_tsv(shown), "take.tsv", up_axis="z")
     assert client.request("GET", "/models?page_size=500") == before
 
 
@@ -90,7 +70,7 @@ def test_a_labelled_file_teaches_what_its_recording_would(
     client: GestaClient, new_model: Callable[..., str], shown: Recording
 ) -> None:
     model = new_model()
-    answer = teach(client, model, tsv(shown), labels_of(shown))
+    answer = teach(client, model, qtm_tsv(shown), labels_of(shown))
     assert answer.status_code == 201, answer.text
     for id_, expected in zip(answer.json()["created"], shown.demonstrations(), strict=True):
         found = client.request("GET", f"/models/{model}/demonstrations/{id_}")
@@ -98,7 +78,7 @@ def test_a_labelled_file_teaches_what_its_recording_would(
         np.testing.assert_allclose(found["trajectory"]["hand"], expected.trajectory.hand, atol=1e-8)
         track = expected.trajectory.objects["object"]
         np.testing.assert_allclose(found["trajectory"]["objects"]["object"], track, atol=1e-8)
-    again = teach(client, model, tsv(shown), labels_of(shown)).json()
+    again = teach(client, model, qtm_tsv(shown), labels_of(shown)).json()
     assert again["created"] == []
 
 
@@ -107,7 +87,7 @@ def test_labels_are_given_other_names_or_left_out(
 ) -> None:
     model = new_model()
     first = shown.segments[0].action
-    answer = teach(client, model, tsv(shown), labels_of(shown), actions=json.dumps({first: "reach"}))
+    answer = teach(client, model, qtm_tsv(shown), labels_of(shown), actions=json.dumps({first: "reach"}))
     assert answer.status_code == 201, answer.text
     told = client.request("GET", f"/models/{model}/demonstrations")
     assert told["actions"] == {"reach": sum(each.action == first for each in shown.segments)}
@@ -134,7 +114,7 @@ def test_what_is_wrong_is_pointed_at(
     pointer: str,
     code: str,
 ) -> None:
-    answer = teach(client, new_model(), tsv(shown), labels, **fields)
+    answer = teach(client, new_model(), qtm_tsv(shown), labels, **fields)
     assert answer.status_code == 422
     (found,) = answer.json()["errors"]
     assert (found["pointer"], found["code"]) == (pointer, code)
@@ -160,7 +140,7 @@ def test_a_file_that_cannot_be_read_is_refused_by_name(
 
 
 def test_a_file_that_does_not_say_what_is_up_asks_for_it(client: GestaClient, shown: Recording) -> None:
-    (found,) = look(client, tsv(shown), "take.tsv").json()["errors"]
+    (found,) = look(client, qtm_tsv(shown), "take.tsv").json()["errors"]
     assert found["code"] == "undeclared_geometry"
     assert "declare up_axis" in found["detail"]
 
@@ -173,7 +153,7 @@ def test_a_form_without_its_parts_is_refused(client: GestaClient, new_model: Cal
 
 
 def test_a_form_with_another_field_is_refused(client: GestaClient, shown: Recording) -> None:
-    answer = look(client, tsv(shown), "take.tsv", up="z")
+    answer = look(client, qtm_tsv(shown), "take.tsv", up="z")
     assert answer.status_code == 422
     assert [place["pointer"] for place in answer.json()["errors"]] == ["/up"]
 
