@@ -57,12 +57,12 @@ TABLE = {
     "app.client": Room(("httpx", "websockets", "numpy")),
     "app.settings": Room(("pydantic", "pydantic_settings")),
     "app.main": Room(("fastapi", "starlette"), (*ROOMS, "app.settings")),
-    "app.cli": Room(
-        ("typer", "rich", "uvicorn", "pydantic"),
-        (*ROOMS, "app.main", "app.settings", "app.demo", "app.segment"),
+    "app.cli": Room(("typer",)),
+    "app.commands": Room(
+        ("typer", "rich", "httpx", "websockets", "numpy", "pydantic", "uvicorn"),
+        (*ROOMS, "app.client", "app.main", "app.settings"),
     ),
     "app.demo": Room(("httpx", "numpy", "typer", "rich"), ("app.client", "app.motion")),
-    "app.segment": Room(("httpx", "typer", "rich"), ("app.client",)),
     "migrations": Room(("sqlalchemy", "alembic"), ("app.registry", "app.settings")),
 }
 """The part of a name that matters is its beginning: ``numpy`` stands for ``numpy.typing``, too."""
@@ -276,7 +276,7 @@ GOOD = [
     ),
     ("app.client.rest", "import httpx\nfrom app.client.wire import Message"),
     ("app.settings", "import os\nfrom pydantic_settings import BaseSettings\nos.environ['X']"),
-    ("app.cli.serve", "from app.settings import Settings\nfrom app.main import create_app"),
+    ("app.commands.serve", "from app.settings import Settings\nfrom app.main import create_app"),
     (
         "app.demo",
         "import os\nfrom app.client import GestaClient\nrun(x, env={**os.environ, 'GESTA_PORT': '0'})",

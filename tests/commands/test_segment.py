@@ -1,4 +1,4 @@
-"""``gesta segment``: an archive becomes jobs, once, and its segments a file."""
+"""``gesta segment``: an archive becomes jobs, once, and its segments a file or a table."""
 
 from __future__ import annotations
 
@@ -15,18 +15,20 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from app import segment
 from app.cli import cli
 from app.client import METRES, GestaClient, trajectory
+from app.commands import segment
+from app.commands.recordings import Reading, recordings
+from app.commands.segment import COLUMNS, Archive
 from app.motion.model import Model
 from app.motion.simulation import recording
 from app.motion.trajectory import Trajectory
-from app.segment import COLUMNS, Archive, Unusable, read_csv, read_json, recordings
 from tests.api.conftest import working
 from tests.serving import Server
 
 MOTIONS = [recording(seed, 3).trajectory for seed in (31, 32, 33)]
-HEADER = "t,hand.x,hand.y,hand.z,cup.x,cup.y,cup.z"
+METRIC = ("--unit", "m", "--up", "z")
+HEADER = "t,hand.x,hand.y,hand.z,object.x,object.y,object.z"
 
 
 def as_body(motion: Trajectory) -> dict[str, Any]:
@@ -36,7 +38,7 @@ def as_body(motion: Trajectory) -> dict[str, Any]:
 def write_csv(path: Path, motion: Trajectory, scale: float = 1.0) -> None:
     columns = [motion.times[:, None], scale * motion.hand, scale * motion.objects["object"]]
     rows = [",".join(map(repr, row)) for row in np.hstack(columns).tolist()]
-    path.write_text("\n".join([HEADER.replace("cup", "object"), *rows]) + "\n")
+    path.write_text("\n".join([HEADER, *rows]) + "\n")
 
 
 @pytest.fixture
@@ -81,7 +83,17 @@ def test_every_recording_is_a_job_and_the_same_again_does_nothing_twice(
     server: Server, client: GestaClient, model: str, trained: Model, archive: Path, tmp_path: Path
 ) -> None:
     output = tmp_path / "found.jsonl"
-    asked = (archive, archive / "one.json", "--model", model, "--url", server.url, "--output", output)
+    asked = (
+        archive,
+        archive / "one.json",
+        "--model",
+        model,
+        *METRIC,
+        "--url",
+        server.url,
+        "--output",
+        output,
+    )
     with working(server):
         first = gesta(*asked)
     assert first.exit_code == 0, first.output
@@ -117,10 +129,15 @@ def test_a_table_has_a_row_for_each_segment(
                 server.url,
                 "--unit",
                 "mm",
+                "--up",
+                "z",
                 "--output",
                 output,
             )
             assert outcome.exit_code == 0, outcome.output
+        shown = gesta(
+            folder / "in mm.csv", "--model", model, "--url", server.url, "--unit", "mm", "--up", "z"
+        )
     rows = list(csv.DictReader(io.StringIO(output.read_text())))
     assert tuple(rows[0]) == COLUMNS
     expected = found(client, model, MOTIONS[0])
@@ -128,6 +145,8 @@ def test_a_table_has_a_row_for_each_segment(
     assert [int(row["end_seq"]) for row in rows] == [each["end_seq"] for each in expected]
     assert {row["objects"] for row in rows} == {"object=object"}
     assert {row["recording"] for row in rows} == {str(folder / "in mm.csv")}
+    lines = [line.split() for line in shown.stdout.splitlines()[2:]]
+    assert [line[-3] for line in lines] == [row["action"] for row in rows]
 
 
 def test_what_fails_is_named_and_the_rest_goes_on(
@@ -139,11 +158,11 @@ def test_what_fails_is_named_and_the_rest_goes_on(
     refused["trajectory"]["hand"] = refused["trajectory"]["hand"][1:]
     (archive / "refused.json").write_text(json.dumps(refused))
     with working(server):
-        outcome = gesta(archive, "--model", model, "--url", server.url)
+        outcome = gesta(archive, "--model", model, "--url", server.url, "--json", *METRIC)
     assert outcome.exit_code == 1
     assert "Traceback" not in outcome.output
     assert "3 of 6 recordings failed" in outcome.stderr
-    for name, why in (("broken.json", "no JSON"), ("empty.csv", "t, hand.x"), ("refused.json", "422")):
+    for name, why in (("broken.json", "no JSON"), ("empty.csv", "needs a column t"), ("refused.json", "422")):
         assert any(name in line and why in line for line in outcome.stderr.splitlines()), outcome.stderr
     assert len(outcome.stdout.splitlines()) == 3
 
@@ -185,7 +204,7 @@ def test_what_cannot_begin_says_why(server: Server, model: str, archive: Path, t
     at = ("--url", server.url)
     for words, why in (
         ((tmp_path / "none", "--model", model, *at), "no such file"),
-        ((tmp_path / "empty", "--model", model, *at), "no recordings (.json, .csv)"),
+        ((tmp_path / "empty", "--model", model, *at), "no recordings (.bag"),
         ((archive, "--model", "nobody", *at), "model_not_found"),
         ((archive, "--model", model, "--version", "best", *at), "version_not_found"),
         ((archive, "--model", model, "--url", "http://127.0.0.1:9"), "http://127.0.0.1:9 does not answer"),
@@ -196,49 +215,16 @@ def test_what_cannot_begin_says_why(server: Server, model: str, archive: Path, t
         assert "Traceback" not in outcome.stderr
 
 
-class TestFiles:
-    def test_a_table_is_read_with_its_dropouts(self, tmp_path: Path) -> None:
-        path = tmp_path / "table.csv"
-        path.write_text(f"\ufeff{HEADER}\n0.0,1,2,3,4,5,6\n0.01,,2,3,4,5,nan\n\n")
-        assert read_csv(path, METRES) == {
-            "geometry": METRES,
-            "trajectory": {
-                "t": [0.0, 0.01],
-                "hand": [[1.0, 2.0, 3.0], None],
-                "objects": {"cup": [[4.0, 5.0, 6.0], None]},
-            },
-        }
-
-    @pytest.mark.parametrize(
-        ("text", "why"),
-        [
-            ("", "without hand.x, hand.y, hand.z, t"),
-            ("t,hand.x,hand.y\n", "without hand.z"),
-            (f"{HEADER},cup.w\n", "with cup.w"),
-            (f"{HEADER},cup.x\n", "columns twice"),
-            (f"{HEADER}\n0,1,2\n", "line 2 has 3 cells"),
-            (f"{HEADER}\n0,1,2,3,4,5,high\n", "line 2: cup.z is 'high'"),
-            (f"{HEADER}\n0,1,2,3,4,5,inf\n", "cup.z is not finite"),
-            (f"{HEADER}\n0,1,2,3,4,5,6\n,1,2,3,4,5,6\n", "column t is empty in row 2"),
-        ],
-    )
-    def test_a_table_that_is_none_says_where(self, tmp_path: Path, text: str, why: str) -> None:
-        path = tmp_path / "table.csv"
-        path.write_text(text)
-        with pytest.raises(Unusable, match=why):
-            read_csv(path, METRES)
-
-    @pytest.mark.parametrize("text", ["", "[]", '{"geometry": {}}', '"trajectory"', "\xff"])
-    def test_a_file_that_is_no_request_is_none(self, tmp_path: Path, text: str) -> None:
-        path = tmp_path / "body.json"
-        path.write_text(text, encoding="latin-1")
-        with pytest.raises(Unusable):
-            read_json(path, METRES)
-
-    def test_the_output_is_no_recording(self, archive: Path) -> None:
-        output = archive / "one.json"
-        assert output not in recordings([archive], but=output)
-        assert len(recordings([archive, archive / "day 2"])) == 3
+def test_folders_are_searched_for_recordings_alone(archive: Path, tmp_path: Path) -> None:
+    output, mapping = archive / "one.json", archive / "mapping.json"
+    (archive / "one.labels.json").write_text("[]")
+    mapping.write_text("{}")
+    (archive / "bag").mkdir()
+    for name in ("metadata.yaml", "bag_0.db3"):
+        (archive / "bag" / name).touch()
+    assert [path.name for path in recordings([archive], output, mapping)] == ["bag", "three.csv", "two.json"]
+    assert recordings([archive / "bag"]) == [archive / "bag"]
+    assert len(recordings([archive, archive / "day 2"], mapping)) == 4
 
 
 def test_a_server_that_is_away_for_a_moment_is_asked_again(
@@ -254,4 +240,4 @@ def test_a_server_that_is_away_for_a_moment_is_asked_again(
     monkeypatch.setattr(segment, "PAUSE_S", 0.0)
     with GestaClient() as client:
         monkeypatch.setattr(client, "segment", answer)
-        assert Archive(client, "table-top", 1, METRES).submit(archive / "one.json") == "job"
+        assert Archive(client, "table-top", 1, Reading()).submit(archive / "one.json") == "job"

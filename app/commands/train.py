@@ -1,0 +1,98 @@
+"""``gesta train``: labelled recordings become demonstrations, and all demonstrations a version."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.client import ApiError, GestaClient, Message
+from app.commands.asking import URL, Model, Url, asking
+from app.commands.recordings import (
+    ActionNames,
+    LabelsFile,
+    MappingFile,
+    Reading,
+    Recorded,
+    Unit,
+    Up,
+    recordings,
+)
+from app.commands.terminal import AsJson, job_watched, show, show_json, show_table, tell
+
+
+def train(
+    model: Model,
+    files: Annotated[
+        list[Path] | None, typer.Argument(help="Labelled recordings, or folders of them; none: as they are.")
+    ] = None,
+    mapping: MappingFile = None,
+    labels: LabelsFile = None,
+    action: ActionNames = None,
+    unit: Unit = None,
+    up: Up = None,
+    table_height: Annotated[float, typer.Option(help="Of a model that is new [m].")] = 0.0,
+    promote: Annotated[bool, typer.Option("--promote", help="Let `production` name the version.")] = False,
+    as_json: AsJson = False,
+    url: Url = URL,
+) -> None:
+    """Upload labelled recordings and train a version on all demonstrations of a model.
+
+    A model that is not there is created, with the objects of the recordings as its roles.
+    """
+    if labels is not None and len(files or []) != 1:
+        raise typer.BadParameter("--labels is for one recording")
+    with asking(url) as client:
+        listed = recordings(files, mapping, labels) if files else []
+        reading = Reading(unit, up, mapping, labels, action)
+        recorded = [reading.read_one(path, labelled=True) for path in listed]
+        if recorded:
+            _create_if_absent(client, model, recorded, table_height)
+        for path, each in zip(listed, recorded, strict=True):
+            _upload(client, model, path, each)
+        with job_watched("Training") as watch:
+            number = client.result(client.train(model)["id"], watch)["version"]
+        version = client.version(model, number)
+        if promote:
+            client.promote(model, "production", number)
+            version = client.version(model, number)
+    show_json(version) if as_json else _show(version)
+
+
+def _create_if_absent(
+    client: GestaClient, model: str, recorded: Sequence[Recorded], table_height: float
+) -> None:
+    try:
+        client.model(model)
+    except ApiError as error:
+        if error.code != "model_not_found":
+            raise
+        objects = list(recorded[0].trajectory.get("objects", {}))
+        client.create_model(model, objects, table_height_m=table_height)
+        tell(f"created the model {model} with the objects {', '.join(objects) or 'none'}")
+
+
+def _upload(client: GestaClient, model: str, path: Path, recorded: Recorded) -> None:
+    """Upload a recording; one that is refused is told with its name."""
+    try:
+        added = client.add_recording(
+            model, recorded.trajectory, recorded.labels, recorded.geometry, recorded.scene
+        )
+    except ApiError as error:
+        tell(f"{path}:", "red")
+        raise error
+    known = f", {len(added['duplicates'])} were there already" if added["duplicates"] else ""
+    tell(f"{path}: {len(added['created'])} demonstrations{known}")
+
+
+def _show(version: Message) -> None:
+    aliases = "".join(f", {alias}" for alias in version["aliases"])
+    show(f"version {version['version']} of {version['model']}{aliases}")
+    found = version["evaluation"]
+    if found is None:
+        show("not cross-validated: some class has too few demonstrations")
+        return
+    show(f"cross-validated: {found['accuracy']:.1%} of {found['n']} demonstrations classified right")
+    show_table(("class", "right"), *found["per_class"].items())
