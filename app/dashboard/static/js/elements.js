@@ -13,7 +13,7 @@
 export function h(tag, properties = {}, ...children) {
   const [name, ...classes] = tag.split('.');
   const element = document.createElement(name);
-  element.classList.add(...classes);
+  if (classes.length) element.classList.add(...classes);
   for (const [key, value] of Object.entries(properties)) give(element, key, value);
   element.append(...shown(children));
   return element;
@@ -28,6 +28,8 @@ export function fill(element, ...children) {
   element.replaceChildren(...shown(children));
 }
 
+let fields = 0;
+
 /**
  * Return a labelled control.
  * @param {string} text
@@ -35,7 +37,11 @@ export function fill(element, ...children) {
  * @param {string} [hint]
  */
 export function field(text, control, hint) {
-  return h('label.field', {}, h('span.field-name', {}, text), control, hint && h('span.hint', {}, hint));
+  control.id ||= `field-${(fields += 1)}`;
+  const described = `${control.id}-hint`;
+  if (hint) control.setAttribute('aria-describedby', described);
+  const name = h('label.field-name', { htmlFor: control.id }, text);
+  return h('div.field', {}, name, control, hint && h('span.hint', { id: described }, hint));
 }
 
 /**
@@ -96,7 +102,7 @@ function shown(children) {
 function give(element, key, value) {
   if (value === undefined || value === null) return;
   if (key.startsWith('on')) element.addEventListener(key.slice(2), value);
-  else if (key === 'class') element.classList.add(...value.split(' ').filter(Boolean));
+  else if (key === 'class') value.split(' ').forEach((/** @type {string} */ name) => name && element.classList.add(name));
   else if (key === 'data') Object.assign(element.dataset, value);
   else if (key === 'style') for (const [name, of] of Object.entries(value)) element.style.setProperty(name, of);
   else if (key in element && key !== 'list') /** @type {any} */ (element)[key] = value;

@@ -5,6 +5,9 @@ import { field, fill, h, offer, select } from './elements.js';
 import { meet } from './palette.js';
 import { problemBox, word } from './words.js';
 
+/** Models that are tried, to begin with one that has been trained. */
+const MOST_TRIED = 8;
+
 /** Tells of `change` when another version is chosen. */
 export class ModelChoice extends EventTarget {
   constructor() {
@@ -39,8 +42,14 @@ export class ModelChoice extends EventTarget {
   async load(model, version) {
     try {
       this.known = await all(at('models'), 'models');
-      offer(this.models, this.known.map(({ name }) => name), model || '');
+      const names = this.known.map(({ name }) => name);
+      offer(this.models, names, model || '');
       await this.#open(version);
+      for (const name of model ? [] : names.slice(1, MOST_TRIED)) {
+        if (this.versions.length) break;
+        this.models.value = name;
+        await this.#open();
+      }
     } catch (error) {
       fill(this.trouble, problemBox(error));
     }

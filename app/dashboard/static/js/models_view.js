@@ -120,7 +120,8 @@ class ModelsView {
   }
 
   async #showHistory() {
-    const moves = await all(`${at('models', this.model.name, 'aliases', 'production', 'history')}`, 'history', 50).catch(() => []);
+    const named = this.versions.some((version) => version.aliases.length);
+    const moves = named ? await all(at('models', this.model.name, 'aliases', 'production', 'history'), 'history', 50).catch(() => []) : [];
     const rows = moves.map((move) => h('tr', {}, h('td', {}, moment(move.at)), h('td', {}, move.version === null ? 'taken away' : `v${move.version}`), h('td.soft', {}, move.previous === null ? 'first' : `before: v${move.previous}`)));
     fill(this.history, h('h2', {}, 'Who was “production” when'), rows.length ? h('table', {}, h('tbody', {}, rows)) : h('p.soft', {}, 'Nobody yet. Until then streams take the latest version.'));
   }

@@ -69,7 +69,8 @@ async function route() {
 /** @param {KeyboardEvent} event */
 function onKey(event) {
   const target = /** @type {HTMLElement} */ (event.target);
-  if (event.ctrlKey || event.metaKey || event.altKey || help.open || target.matches('input, select, textarea, dialog *')) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector('dialog[open]')) return;
+  if (target.matches('input, select, textarea')) return;
   if (event.key === ' ' && target.matches('button, a, summary, [role=slider]')) return;
   const views = Object.keys(VIEWS);
   const own = current?.keys?.[event.key.length === 1 ? event.key.toLowerCase() : event.key];

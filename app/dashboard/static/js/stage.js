@@ -8,6 +8,7 @@ import * as THREE from './three.js';
 
 const KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const TURN = Math.PI / 36;
+const STILL_MS = 300;
 const NOTHING = { min: [-0.4, -0.1, 0], max: [0.4, 0.6, 0.3] };
 
 /**
@@ -29,8 +30,8 @@ export function openStage(host, label) {
 export class Stage {
   /** @param {HTMLElement} host @param {string} label */
   constructor(host, label) {
-    this.renderer = new THREE.WebGLRenderer({ antialias: true, powerPreference: 'low-power' });
-    this.canvas = this.renderer.domElement;
+    this.canvas = document.createElement('canvas');
+    this.#begin();
     Object.assign(this.canvas, { tabIndex: 0, className: 'stage-canvas' });
     this.canvas.setAttribute('role', 'img');
     this.canvas.setAttribute('aria-label', `${label}. Arrow keys turn the view.`);
@@ -127,6 +128,7 @@ export class Stage {
   /** Take it away. */
   dispose() {
     cancelAnimationFrame(this.asked);
+    clearTimeout(this.refining);
     this.asked = -1;
     this.size.disconnect();
     theme.removeEventListener('change', this.recolour);
@@ -134,6 +136,19 @@ export class Stage {
     this.scene.traverse((/** @type {any} */ part) => (part.geometry?.dispose(), part.material?.dispose()));
     this.renderer.dispose();
     this.renderer.forceContextLoss();
+  }
+
+  /** Smooth edges come from the graphics card; where the processor has to draw, only from pictures that stand still. */
+  #begin() {
+    const { canvas } = this;
+    const asked = { antialias: true, alpha: false, powerPreference: 'low-power' };
+    let context = canvas.getContext('webgl2', { ...asked, failIfMajorPerformanceCaveat: true });
+    this.quick = context !== null;
+    context ||= canvas.getContext('webgl2', { ...asked, antialias: false });
+    if (!context) throw new Error('no WebGL');
+    this.renderer = new THREE.WebGLRenderer({ canvas, context });
+    this.renderer.debug.checkShaderErrors = false;
+    this.ratio = this.quick ? Math.min(devicePixelRatio, 2) : 1;
   }
 
   /** @param {HTMLElement} host */
@@ -216,7 +231,7 @@ export class Stage {
     const { clientWidth: width, clientHeight: height } = host;
     if (!width || !height) return;
     const first = this.drawn === 0;
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer.setPixelRatio(this.ratio);
     this.renderer.setSize(width, height);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
@@ -230,11 +245,22 @@ export class Stage {
     const elapsed = Math.min((now - this.lastTime) / 1000, 0.1);
     this.lastTime = now;
     for (const animation of [...this.animations]) if (!animation(elapsed)) this.animations.delete(animation);
+    if (this.renderer.getPixelRatio() !== this.ratio) this.renderer.setPixelRatio(this.ratio);
     this.renderer.render(this.scene, this.camera);
     this.#placeLabels();
+    if (!this.quick) this.#refineSoon();
     this.drawn += 1;
     this.canvas.dataset.drawn = String(this.drawn);
     if (this.animations.size) this.invalidate();
+  }
+
+  /** Draw once more and finer when the picture has stood still for a moment. */
+  #refineSoon() {
+    clearTimeout(this.refining);
+    this.refining = setTimeout(() => {
+      this.renderer.setPixelRatio(2);
+      this.renderer.render(this.scene, this.camera);
+    }, STILL_MS);
   }
 
   #placeLabels() {

@@ -101,7 +101,7 @@ export class Timeline {
   /** @param {number} number @param {'start' | 'end'} side */
   #boundary(number, side) {
     const label = this.labels.all[number];
-    const made = h('div.boundary', {
+    const made = h(`div.boundary.${side}`, {
       tabIndex: 0, role: 'slider', 'aria-label': `${side} of ${label.action}`, 'aria-valuenow': label[side].toFixed(3),
       'aria-valuemin': this.begin, 'aria-valuemax': this.end, 'aria-valuetext': `${label[side].toFixed(2)} s`,
       data: { truth: `${side}-${number}` }, style: { left: `${100 * this.#share(label[side])}%` },
