@@ -68,7 +68,11 @@ cli = typer.Typer(cls=LateCommands, no_args_is_help=True, **PLAIN)
 
 @cli.callback()
 def gesta() -> None:
-    """Gesta learns actions from demonstrations, recognises them in streams, re-enacts them."""
+    """Gesta learns actions from demonstrations, recognises them in streams, re-enacts them.
+
+    Every command ends with 0 where all is well, with 1 where something was refused or has failed, with 2
+    where it was given wrongly.
+    """
 
 
 def main() -> None:

@@ -23,6 +23,8 @@ Version = Annotated[
     str | None, typer.Option(help="A number, an alias or `latest`; default: production, else the latest.")
 ]
 
+TITLE = "Gesta"
+"""Of the documents that a server gives."""
 AWAY = (httpx.HTTPError, httpx.InvalidURL, WebSocketException, ConnectionError, TimeoutError, gaierror)
 
 
@@ -34,12 +36,18 @@ def asking(url: str) -> Iterator[GestaClient]:
             yield client
     except ApiError as error:
         raise failure("\n".join([str(error), *_places(error)])) from error
+    except BrokenPipeError:  # of who reads what we tell
+        raise
     except AWAY as error:
         raise failure(f"{url} does not answer: {error}") from error
     except OSError as error:
         raise failure(f"{error.filename}: {error.strerror}" if error.filename else str(error)) from error
     except (GestaError, FormatError) as error:
         raise failure(str(error)) from error
+    except (LookupError, TypeError, ValueError) as error:
+        if _is_gesta(url):
+            raise
+        raise failure(f"what answers at {url} is no Gesta server") from error
 
 
 def number_of(client: GestaClient, model: str, ref: str | None) -> int:
@@ -58,6 +66,14 @@ def awaited(client: GestaClient, answer: Message, what: str) -> Message:
         return answer
     with job_watched(what) as watch:
         return client.result(answer["id"], watch)
+
+
+def _is_gesta(url: str) -> bool:
+    """Whether the documents that a server gives are ours."""
+    try:
+        return bool(httpx.get(f"{url.rstrip('/')}/v1/openapi.json").json()["info"]["title"] == TITLE)
+    except (httpx.HTTPError, LookupError, TypeError, ValueError):
+        return False
 
 
 def _places(error: ApiError) -> list[str]:

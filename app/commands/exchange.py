@@ -51,7 +51,7 @@ def take_in(
             raise failure(f"{file} is no version of a model: gesta export writes them") from error
         _create_if_absent(client, model, objects)
         told = client.request("POST", f"/models/{quote(model, safe='')}/versions:import", artifact)
-    show_json(told) if as_json else show(f"{file} is version {told['version']} of {model}")
+        show_json(told) if as_json else show(f"{file} is version {told['version']} of {model}")
 
 
 def _artifact(client: GestaClient, model: str, number: int) -> bytes:

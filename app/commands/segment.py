@@ -21,8 +21,9 @@ import typer
 from rich.progress import MofNCompleteColumn
 
 from app.client import ApiError, GestaClient, GestaError, Message
+from app.commands.archive import recordings
 from app.commands.asking import URL, Url, Version, asking, number_of
-from app.commands.recordings import MappingFile, Reading, Recorded, Unit, Up, recordings
+from app.commands.recordings import MappingFile, Reading, Recorded, Unit, Up
 from app.commands.terminal import AsJson, failure, progress, show_json, show_table, tell
 from app.formats.errors import FormatError
 

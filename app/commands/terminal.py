@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Annotated, Any
 
 import typer
@@ -25,7 +26,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Tell the result as JSON.")
 
 def tell(text: str, style: str = "") -> None:
     """Tell a line on standard error."""
-    Console(stderr=True, highlight=False).print(Text(printable(text), style), soft_wrap=True)
+    _beside().print(Text(printable(text), style), soft_wrap=True)
 
 
 def failure(text: str) -> typer.Exit:
@@ -68,9 +69,12 @@ def printable(text: str) -> str:
 
 @contextmanager
 def progress(what: str, *further: ProgressColumn) -> Iterator[Progress]:
-    """Give a progress bar on standard error, with columns of fields of its tasks behind it."""
+    """Give a progress bar on standard error, with columns of fields of its tasks behind it.
+
+    What is told meanwhile goes above it; a result only where it would stand at the same terminal.
+    """
     columns = (TextColumn("{task.description}"), BarColumn(24), *further, TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True, highlight=False)) as shown:
+    with Progress(*columns, console=_beside(), redirect_stdout=sys.stdout.isatty()) as shown:
         shown.add_task(what, total=None, message="")
         yield shown
 
@@ -87,6 +91,12 @@ def job_watched(what: str) -> Iterator[Callable[[Message], None]]:
             shown.update(task, completed=at["done"], total=at["total"] or None, message=message)
 
         yield watch
+
+
+@cache
+def _beside() -> Console:
+    """Return the one console on standard error: a progress bar makes room for what it prints."""
+    return Console(stderr=True, highlight=False)
 
 
 def _cell(value: Any) -> str:

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from app.client import ApiError, GestaClient, Message
+from app.commands.archive import recordings
 from app.commands.asking import URL, Model, Url, asking
-from app.commands.recordings import (
-    ActionNames,
-    LabelsFile,
-    MappingFile,
-    Reading,
-    Recorded,
-    Unit,
-    Up,
-    recordings,
-)
+from app.commands.recordings import ActionNames, LabelsFile, MappingFile, Reading, Recorded, Unit, Up
 from app.commands.terminal import AsJson, job_watched, show, show_json, show_table, tell
 
 
@@ -40,18 +31,17 @@ def train(
 ) -> None:
     """Upload labelled recordings and train a version on all demonstrations of a model.
 
-    A model that is not there is created, with the objects of the recordings as its roles.
+    A model that is not there is created, with the objects of the first recording as its roles. What was
+    uploaded before is not uploaded twice.
     """
     if labels is not None and len(files or []) != 1:
         raise typer.BadParameter("--labels is for one recording")
     with asking(url) as client:
-        listed = recordings(files, mapping, labels) if files else []
         reading = Reading(unit, up, mapping, labels, action)
-        recorded = [reading.read_one(path, labelled=True) for path in listed]
-        if recorded:
+        for path in recordings(files, mapping, labels) if files else []:
+            recorded = reading.read_one(path, labelled=True)
             _create_if_absent(client, model, recorded, table_height)
-        for path, each in zip(listed, recorded, strict=True):
-            _upload(client, model, path, each)
+            _upload(client, model, path, recorded)
         with job_watched("Training") as watch:
             number = client.result(client.train(model)["id"], watch)["version"]
         version = client.version(model, number)
@@ -61,15 +51,13 @@ def train(
     show_json(version) if as_json else _show(version)
 
 
-def _create_if_absent(
-    client: GestaClient, model: str, recorded: Sequence[Recorded], table_height: float
-) -> None:
+def _create_if_absent(client: GestaClient, model: str, recorded: Recorded, table_height: float) -> None:
     try:
         client.model(model)
     except ApiError as error:
         if error.code != "model_not_found":
             raise
-        objects = list(recorded[0].trajectory.get("objects", {}))
+        objects = list(recorded.trajectory.get("objects", {}))
         client.create_model(model, objects, table_height_m=table_height)
         tell(f"created the model {model} with the objects {', '.join(objects) or 'none'}")
 

@@ -14,7 +14,7 @@ import pytest
 
 from app.cli import COMMANDS
 from tests.commands.conftest import SEEN, gesta, write_body
-from tests.serving import ROOT
+from tests.serving import ROOT, Server
 
 ENDS = ("--start", "0,0,0", "--goal", "0,0,1")
 ASKING = [
@@ -37,7 +37,7 @@ class Elsewhere(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         content = b"<html>nothing here</html>"
-        self.send_response(404)
+        self.send_response(200 if self.path.startswith("/welcome") else 404)
         self.send_header("Content-Type", "text/html")
         self.send_header("Content-Length", str(len(content)))
         self.end_headers()
@@ -68,6 +68,7 @@ def test_where_no_gesta_answers_it_is_told(words: tuple[object, ...], elsewhere:
     for url, why in (
         ("http://127.0.0.1:9", "http://127.0.0.1:9 does not answer"),
         (elsewhere, "404"),
+        (f"{elsewhere}/welcome", "is no Gesta server"),
         ("nowhere", "nowhere does not answer"),
     ):
         outcome = gesta(*given, url=url)
@@ -83,6 +84,22 @@ def test_what_is_no_command_is_wrong_usage(words: tuple[str, ...]) -> None:
     outcome = gesta(*words)
     assert outcome.exit_code == 2
     assert "Usage: " in outcome.output
+
+
+def test_who_reads_no_further_ends_it_in_order(server: Server, table_top: str, tmp_path: Path) -> None:
+    body = write_body(tmp_path / "seen.json", SEEN)
+    command = f"{sys.executable} -m app.cli replay {body} --model {table_top} --speed 0 --url {server.url}"
+    ran = subprocess.run(
+        ["bash", "-c", f"{command} | head -n 1"],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert len(ran.stdout.splitlines()) == 1
+    assert "Traceback" not in ran.stderr
+    assert "does not answer" not in ran.stderr
 
 
 def test_every_command_has_a_line_of_help() -> None:

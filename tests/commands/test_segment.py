@@ -5,6 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
+import pty
+import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,13 +21,15 @@ from typer.testing import CliRunner, Result
 from app.cli import cli
 from app.client import METRES, GestaClient, trajectory
 from app.commands import segment
-from app.commands.recordings import Reading, recordings
+from app.commands.archive import recordings
+from app.commands.recordings import Reading
 from app.commands.segment import COLUMNS, Archive
 from app.motion.model import Model
 from app.motion.simulation import recording
 from app.motion.trajectory import Trajectory
 from tests.api.conftest import working
-from tests.serving import Server
+from tests.commands.conftest import GESTA
+from tests.serving import ROOT, Server
 
 MOTIONS = [recording(seed, 3).trajectory for seed in (31, 32, 33)]
 METRIC = ("--unit", "m", "--up", "z")
@@ -55,6 +60,20 @@ def archive(tmp_path: Path) -> Path:
 
 def gesta(*words: object) -> Result:
     return CliRunner().invoke(cli, ["segment", *map(str, words)])
+
+
+def at_terminal(*words: object) -> list[Any]:
+    """Return the lines of JSON that a command tells whose progress is shown at a terminal."""
+    near, far = pty.openpty()
+    try:
+        ran = subprocess.run(
+            [*GESTA, *map(str, words)], cwd=ROOT, check=True, stdout=subprocess.PIPE, stderr=far, timeout=60
+        )
+        assert "3/3" in os.read(near, 1 << 16).decode()
+    finally:
+        os.close(near)
+        os.close(far)
+    return [json.loads(line) for line in ran.stdout.splitlines()]
 
 
 def found(client: GestaClient, model: str, motion: Trajectory) -> list[dict[str, Any]]:
@@ -106,6 +125,7 @@ def test_every_recording_is_a_job_and_the_same_again_does_nothing_twice(
     assert gesta(*asked).exit_code == 0, "no worker is there, none is needed"
     assert [json.loads(line) for line in output.read_text().splitlines()] == told
     assert len(jobs_of(client, model)) == 3
+    assert at_terminal("segment", archive, "--model", model, *METRIC, "--url", server.url, "--json") == told
     server.teach(trained, model)
     with working(server):
         assert gesta(*asked).exit_code == 0
