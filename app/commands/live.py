@@ -87,8 +87,10 @@ def _feed(stream: Stream, blocks: Iterable[Block]) -> None:
 
 def _tell(message: Message, as_json: bool) -> None:
     kind = message["type"]
-    if kind in ("warning", "going_away"):
-        tell(f"{kind}: {message.get('detail', message)}", "yellow")
+    if kind == "warning":
+        tell(f"{message['code']}: {message['detail']}", "yellow")
+    elif kind == "going_away":
+        tell("the server is about to stop: the stream goes on as soon as one answers", "yellow")
     elif kind == "started":
         tell(f"session {message['session_id']}, version {message['version']} of {message['model']}")
     elif "event" not in message:

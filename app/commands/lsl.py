@@ -73,6 +73,8 @@ def opened_inlet(name: str) -> Iterator[Any]:
     found = pylsl.resolve_byprop("name", name, 1, FIND_S)
     if not found:
         raise failure(f"there is no LSL stream called {name}")
+    if found[0].channel_format() == pylsl.cf_string:
+        raise failure(f"the LSL stream {name} has texts, no numbers")
     inlet = pylsl.StreamInlet(found[0])
     try:
         yield inlet
