@@ -18,6 +18,13 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.browser
 
+TRC = (
+    "PathFileType\t4\t(X/Y/Z)\treach.trc",
+    "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+    "100\t100\t101\t2\tmm\t100\t1\t101",
+    "Frame#\tTime\thand\t\t\tbox\t\t",
+    "\t\tX1\tY1\tZ1\tX2\tY2\tZ2",
+)
 BOUNDS = "blocks => blocks.map(each => each.getAttribute('aria-label'))"
 
 
@@ -86,6 +93,22 @@ def test_a_file_that_nobody_can_read_is_refused_in_words(open_page: OpenPage, tm
     page.set_input_files("input[type=file]", other)
     until(page, "!document.querySelector('.open').textContent.includes('row 3')")
     assert page.locator(".open .problem").inner_text().strip()
+
+
+def test_a_file_of_the_field_is_read_by_the_server(open_page: OpenPage, tmp_path: Path) -> None:
+    """It does not say which axis is up: the page asks."""
+    page = open_page("recordings", expected="Failed to load resource")
+    file = tmp_path / "reach.trc"
+    rows = [f"{n + 1}\t{n / 100:.2f}\t{n}\t{200 - n}\t{2 * n}\t{300}\t0\t{100 + n}" for n in range(101)]
+    file.write_text("\n".join([*TRC, *rows]) + "\n")
+    page.set_input_files("input[type=file]", file)
+    page.locator(".open .problem").wait_for()
+    page.locator(".open .panel-part select").nth(1).select_option("y")
+    page.get_by_role("button", name="Read it so").click()
+    page.get_by_text("So the hand moves within 0.10").wait_for()
+    page.get_by_text("0.10 m (the last is the height)").wait_for()
+    assert page.get_by_label("Use hand as").input_value() == "/hand"
+    assert page.get_by_label("Its unit").is_disabled()
 
 
 def truth(page: Page) -> list[str]:

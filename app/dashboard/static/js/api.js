@@ -53,6 +53,7 @@ export const connection = new (class extends EventTarget {
 export async function send(path, { method, body, accept = 'application/json', headers = {}, signal } = {}) {
   const form = body instanceof FormData;
   const sent = body === undefined || form ? body : JSON.stringify(body);
+  /** @type {Record<string, string>} */
   const typed = sent === undefined || form ? {} : { 'Content-Type': 'application/json' };
   const given = { method: method || (sent === undefined ? 'GET' : 'POST'), body: sent, signal };
   let response;

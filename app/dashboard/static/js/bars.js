@@ -9,7 +9,7 @@ export class Bars {
   /** @param {string} label @param {boolean} [coloured] by action class */
   constructor(label, coloured = false) {
     this.coloured = coloured;
-    this.element = h('div.bars', { role: 'group', 'aria-label': label });
+    this.element = h(coloured ? 'div.bars.coloured' : 'div.bars', { role: 'group', 'aria-label': label });
     /** @type {Map<string | null, {row: HTMLElement, fill: HTMLElement, value: Text, note: Text}>} */
     this.rows = new Map();
   }

@@ -10,18 +10,20 @@ export class Chart {
   /**
    * @param {string} label what is drawn, with its unit
    * @param {(time: number) => void} onSeek
+   * @param {[string, string][]} [legend] texts and names of their colours
    */
-  constructor(label, onSeek) {
-    this.label = label;
+  constructor(label, onSeek, legend = []) {
     this.onSeek = onSeek;
-    this.element = h('div.chart', { role: 'img', 'aria-label': `Chart: ${label}` });
+    this.plotted = h('div.chart', { role: 'img', 'aria-label': `Chart: ${label}` });
+    const chips = legend.map(([text, name]) => h('span.chip', { style: { '--colour': `var(${name})` } }, text));
+    this.element = h('div', {}, h('div.lane-name.indented', {}, h('span', {}, label), chips), this.plotted);
     this.time = 0;
     /** @type {{t: ArrayLike<number>, curves: Curve[], range: [number, number]} | null} */
     this.shown = null;
     this.redraw = () => this.shown && this.show(this.shown.t, this.shown.curves, this.shown.range);
     theme.addEventListener('change', this.redraw);
     this.size = new ResizeObserver(() => this.plot?.setSize(this.#size()));
-    this.size.observe(this.element);
+    this.size.observe(this.plotted);
   }
 
   /** @param {ArrayLike<number>} t @param {Curve[]} curves @param {[number, number]} range of time */
@@ -30,7 +32,7 @@ export class Chart {
     this.plot?.destroy();
     const lines = curves.map(({ label, colour: name, width = 1.5, dash }) => ({ label, stroke: colour(name), width, dash, points: { show: false } }));
     const data = [t, ...curves.map((curve) => curve.values)];
-    this.plot = new UPlot({ ...this.#size(), ...this.#look(), series: [{}, ...lines] }, data, this.element);
+    this.plot = new UPlot({ ...this.#size(), ...this.#look(), series: [{}, ...lines] }, data, this.plotted);
     this.plot.over.addEventListener('click', (/** @type {MouseEvent} */ event) => this.onSeek(this.plot.posToVal(event.offsetX, 'x')));
   }
 
@@ -57,7 +59,7 @@ export class Chart {
   }
 
   #size() {
-    return { width: Math.max(this.element.clientWidth, 120), height: 120 };
+    return { width: Math.max(this.plotted.clientWidth, 120), height: 110 };
   }
 
   #look() {
@@ -69,7 +71,7 @@ export class Chart {
       legend: { show: false },
       cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
       scales: { x: { time: false, range: () => this.shown?.range || [0, 1] }, y: { range: (/** @type {any} */ _, /** @type {number} */ low, /** @type {number} */ high) => [Math.min(low, 0), Math.max(high * 1.08, 0.05)] } },
-      axes: [{ ...axis, size: 22, gap: 2, grid: { show: false } }, { ...axis, size: 44, gap: 4, label: this.label, labelSize: 16, labelFont: font, space: 26 }],
+      axes: [{ ...axis, size: 22, gap: 2, grid: { show: false } }, { ...axis, size: 36, gap: 4, space: 26 }],
       hooks: { draw: [() => this.point(this.time)] },
     };
   }

@@ -17,7 +17,7 @@ const TITLES = /** @type {Record<string, string>} */ ({
  */
 export function feasibilityTold({ feasible, duration_s: duration, violations, warnings }) {
   const verdict = feasible
-    ? h('p.fine', {}, h('strong', {}, 'Feasible. '), `Nothing speaks against it; it takes ${seconds(duration)}.`)
+    ? h('p.fine', {}, h('strong', {}, 'Feasible. '), `It takes ${seconds(duration)} and keeps to everything that was asked.`)
     : h('div.problem', { role: 'alert' }, h('strong', {}, 'Not as asked. '), h('ul', {}, violations.map((each) => h('li', {}, inWords(each)))));
   return [verdict, warnings.map(({ code, detail }) => h('div.caution', { data: { code } }, h('strong', {}, TITLES[code] || `${code.replaceAll('_', ' ')}. `), ' ', detail))].flat();
 }

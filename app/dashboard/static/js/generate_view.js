@@ -16,6 +16,8 @@ import { openStage } from './stage.js';
 import { emptyBox, problemBox, word } from './words.js';
 
 const PATIENCE_MS = 120;
+/** @type {[string, string][]} */
+const LEGEND = [['generated', '--accent'], ['demonstrations', '--rest'], ['limit', '--bad']];
 const FORMS = [['CSV', 'text/csv', 'csv'], ['JSON', 'application/json', 'json'], ['MCAP', 'application/vnd.mcap', 'mcap']];
 
 /** @type {import('./page.js').Show} */
@@ -29,12 +31,19 @@ export function showGenerate(host, query) {
 }
 
 class GenerateView {
+  /** @type {HTMLButtonElement[]} */
+  aims = [];
+  /** @type {HTMLButtonElement[]} */
+  downloads = [];
+  times = new Float64Array([0, 1]);
+
   /** @param {HTMLElement} host */
   constructor(host) {
+    this.root = host;
     this.choice = new ModelChoice();
     this.form = new RequestForm();
     this.player = new Player();
-    this.chart = new Chart('speed [m/s]', (time) => this.player.seek(time));
+    this.chart = new Chart('speed [m/s]', (time) => this.player.seek(time), LEGEND);
     /** @type {any} */
     this.motion = null;
     /** @type {import('./shown_demonstrations.js').Shown[]} */
@@ -78,7 +87,6 @@ class GenerateView {
       h('section.panel.time', {}, this.player.element, this.chart.element),
       h('section.panel.told', {}, h('h2', {}, 'What to know'), this.told, h('h3', {}, 'Download'), h('div.row', {}, this.downloads))));
     this.place.append(h('div.stage-tools', {}, this.aims), hint);
-    this.root = host;
   }
 
   #offer() {

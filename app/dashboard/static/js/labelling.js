@@ -17,7 +17,6 @@ export class Labelling extends EventTarget {
   /** @param {ModelChoice} choice @param {Labels} labels @param {() => number} now where the playhead is */
   constructor(choice, labels, now) {
     super();
-    Object.assign(this, { choice, labels, now });
     this.choice = choice;
     this.labels = labels;
     this.now = now;
@@ -29,20 +28,20 @@ export class Labelling extends EventTarget {
     this.result = h('div');
     this.action = h('input', { list: 'actions', 'aria-label': 'Action of the chosen segment', placeholder: 'action', onchange: () => labels.name(this.action.value.trim()) });
     this.span = h('small');
-    this.element = h('section.panel.labels', {}, h('h2', {}, 'Recognise and label'), choice.element, this.#buttons(), this.job.element, this.trouble, this.result);
+    this.segment = button('Find the segments', () => this.#run(() => this.#segment()), { class: 'main' });
+    this.copy = button('Take over as truth', () => labels.replace(known(this.recording)), { title: 'Copies what the model says into the lane that you can edit' });
+    this.save = button('Save as demonstrations', () => this.#run(() => this.#save()));
+    this.measure = button('Compare with the truth', () => this.#run(() => this.#evaluate()));
+    this.adder = button('New segment', () => this.add(), { title: 'At the playhead (N)' });
+    this.remover = button('Remove', () => labels.remove(), { class: 'danger', title: 'The chosen segment (Delete)' });
+    this.undoer = button('Undo', () => labels.undo(), { title: 'Z' });
+    this.actions = h('datalist', { id: 'actions' });
+    this.element = h('section.panel.labels', {}, h('h2', {}, 'Recognise and label'), choice.element, this.#parts(), this.job.element, this.trouble, this.result);
     labels.addEventListener('change', () => this.#show());
     choice.addEventListener('change', () => this.#show());
   }
 
-  #buttons() {
-    this.segment = button('Find the segments', () => this.#run(() => this.#segment()), { class: 'main' });
-    this.copy = button('Take over as truth', () => this.labels.replace(known(this.recording)), { title: 'Copies what the model says into the lane that you can edit' });
-    this.save = button('Save as demonstrations', () => this.#run(() => this.#save()));
-    this.measure = button('Compare with the truth', () => this.#run(() => this.#evaluate()));
-    this.adder = button('New segment', () => this.add(), { title: 'At the playhead (N)' });
-    this.remover = button('Remove', () => this.labels.remove(), { class: 'danger', title: 'The chosen segment (Delete)' });
-    this.undoer = button('Undo', () => this.labels.undo());
-    this.actions = h('datalist', { id: 'actions' });
+  #parts() {
     return [h('div.row', {}, this.segment, this.copy), h('hr'), h('h3', {}, 'Truth'), field('Action', this.action), this.actions, this.span,
       h('div.row', {}, this.adder, this.remover, this.undoer), h('div.row', {}, this.save, this.measure)];
   }

@@ -3,8 +3,8 @@
 /** @typedef {{start_seq: number, end_seq: number, t_start: number, t_end: number, action: string | null, novelty: number | null, margin: number | null, objects: Record<string, string>, segment: number}} Segment */
 /** @typedef {{start_seq: number, through_seq: number, actions: {action: string | null, posterior: number, progress: number | null}[], goals?: {name: string, posterior: number}[]}} Hypothesis */
 
-export const CAPACITY = 640;
 /** Frames that are remembered: half a minute at 20 a second. */
+export const CAPACITY = 640;
 
 export class LiveModel {
   constructor() {

@@ -1,15 +1,15 @@
 /** The scene of a running session: the hand glides from frame to frame, its trail has the colours of the actions. */
 
 import { nameOf, theme } from './palette.js';
+import { PARTS, round } from './smoothing.js';
 import { Marker, Trail, linear } from './things.js';
-import { CAPACITY } from './live_model.js';
 
 /** @typedef {import('./stage.js').Stage} Stage */
 /** @typedef {import('./live_model.js').LiveModel} LiveModel */
 
 const GLIDE_S = 0.035;
+/** Frames of the trail, thirteen seconds; the older, the paler. */
 const SHOWN = 260;
-/** Frames of the trail: thirteen seconds; the older, the paler. */
 
 export class LiveScene {
   /** @param {Stage} stage @param {LiveModel} model @param {any} session */
@@ -17,13 +17,14 @@ export class LiveScene {
     this.stage = stage;
     this.model = model;
     this.table = session.scene.table_height_m;
-    this.trail = new Trail(stage, CAPACITY, { width: 3.5 });
+    this.trail = new Trail(stage, SHOWN * PARTS, { width: 3.5 });
     this.hand = new Marker(stage, { text: 'hand', colour: '--hand', radius: 0.016, label: 'strong' });
     /** @type {Map<string, Marker>} */
     this.objects = new Map();
     this.goals = Object.entries(session.goals).map(([name, place]) => this.#goal(name, /** @type {number[]} */ (place)));
     /** @type {Map<string, [number, number, number]>} */
     this.colours = new Map();
+    this.rounded = new Float32Array(3 * (SHOWN * PARTS + 1));
     this.at = new Float32Array([NaN, NaN, NaN]);
     /** @type {[number, number, number]} */
     this.mixed = [0, 0, 0];
@@ -37,7 +38,8 @@ export class LiveScene {
     const { model, stage } = this;
     this.#layOut();
     const from = Math.max(0, model.n - SHOWN);
-    this.trail.show(model.hand, (at) => this.#faded(model.actionAt(at), (at - from) / SHOWN), from, model.n);
+    const n = round(model.hand, from, model.n, this.rounded);
+    this.trail.show(this.rounded, (at) => this.#faded(model.actionAt(from + Math.floor(at / PARTS)), at / PARTS / SHOWN), 0, n);
     const goal = model.hypothesis?.goals?.[0];
     for (const [name, place] of model.objects) {
       const marker = this.objects.get(name) || this.#object(name);

@@ -2,7 +2,7 @@
 
 import { all, ask, at, pause } from './api.js';
 import { Bars } from './bars.js';
-import { button, fill, h } from './elements.js';
+import { fill, h } from './elements.js';
 import { ago, counted, fixed, seconds } from './figures.js';
 import { LiveModel } from './live_model.js';
 import { LiveScene } from './live_scene.js';
@@ -22,6 +22,11 @@ export function showLive(host, query) {
 }
 
 class LiveView {
+  strip = new Strip();
+  classes = new Bars('How probable each class is now', true);
+  goals = new Bars('Where the movement may go');
+  redraw = () => this.#dirty();
+
   /** @param {HTMLElement} host @param {string | null} chosen */
   constructor(host, chosen) {
     this.left = new AbortController();
@@ -30,12 +35,12 @@ class LiveView {
     this.model = new LiveModel();
     /** @type {LiveScene | null} */
     this.scene = null;
+    this.root = host;
     this.told = 0;
     this.asked = 0;
     this.updates = 0;
     this.#build(host);
     this.stage = openStage(this.place, 'The hand, the objects and the path of the hand over the table');
-    this.redraw = () => this.#dirty();
     theme.addEventListener('change', this.redraw);
     this.#watch();
   }
@@ -54,10 +59,7 @@ class LiveView {
     this.sessions = h('ul.choices', { 'aria-label': 'Running sessions' });
     this.none = h('div');
     this.place = h('div.stage');
-    this.strip = new Strip();
     this.state = h('p.state', { role: 'status' }, 'Choose a session.');
-    this.classes = new Bars('How probable each class is now', true);
-    this.goals = new Bars('Where the movement may go');
     this.rows = h('tbody');
     this.announced = h('p.unseen', { 'aria-live': 'polite' });
     const heads = ['action', 'from', 'to', 'object', word('margin'), word('novelty')].map((head) => h('th', { scope: 'col' }, head));
@@ -68,7 +70,6 @@ class LiveView {
         h('h3', {}, 'It may go to'), this.goals.element),
       h('section.panel.past', {}, h('h2', {}, 'Recognised ', word('segment', 'segments')), this.strip.element,
         h('div.scroll', { tabIndex: 0, role: 'region', 'aria-label': 'Segments' }, h('table', {}, h('thead', {}, h('tr', {}, heads)), this.rows)), this.announced)));
-    this.root = host;
   }
 
   /** Look again and again for those who stream. */

@@ -22,6 +22,8 @@ class ModelsView {
     this.model = null;
     /** @type {any[]} */
     this.versions = [];
+    /** @type {{a: any, b: any}} the two that are compared */
+    this.pair = { a: undefined, b: undefined };
     this.list = h('ul.choices', { 'aria-label': 'Models' });
     this.trouble = h('div');
     this.title = h('h1.big', {}, 'Models');
@@ -95,7 +97,7 @@ class ModelsView {
 
   /** @param {any} version */
   #row(version) {
-    const { a, b } = /** @type {{a: any, b: any}} */ (this.pair);
+    const { a, b } = this.pair;
     const pick = (/** @type {'a' | 'b'} */ side, /** @type {any} */ now) => h('input', { type: 'radio', name: `side-${side}`, checked: now === version, 'aria-label': `version ${version.version} as ${side.toUpperCase()}`, onchange: () => ((this.pair[side] = version), this.#compare()) });
     const promoted = version.aliases.includes('production');
     const promote = button(promoted ? 'in production' : 'Promote', () => this.#promote(version), { class: 'small', disabled: promoted, 'aria-label': `Promote version ${version.version} to production` });
@@ -104,8 +106,7 @@ class ModelsView {
   }
 
   #compare() {
-    const { a, b } = this.pair || {};
-    this.comparison.show(a, b);
+    this.comparison.show(this.pair.a, this.pair.b);
   }
 
   /** @param {any} version */

@@ -1,11 +1,11 @@
 /** Opening a recording: a file, dropped or chosen, or a session of the server; how its numbers are meant. */
 
-import { all, at } from './api.js';
+import { Problem, all, at } from './api.js';
 import { button, field, fill, h, offer, select } from './elements.js';
 import { ago, counted } from './figures.js';
 import { GROUND, extent, grounded } from './recording.js';
 import { Unreadable, ofSession, open } from './recording_file.js';
-import { problemBox, sentence, word } from './words.js';
+import { problemBox, word } from './words.js';
 
 /** @typedef {import('./recording_file.js').Opened} Opened */
 
@@ -27,6 +27,7 @@ export class Opening extends EventTarget {
     this.sessions = select([['', 'choose…']], '', { 'aria-label': 'Finished session', onchange: () => this.#openSession() });
     this.unit = select(UNITS, 'm', { onchange: () => this.#ground() });
     this.axis = select(AXES, 'z', { onchange: () => this.#ground() });
+    this.height = h('input', { type: 'number', step: 'any', placeholder: 'as the model', onchange: () => this.#ground() });
     this.reach = h('small');
     this.tracks = h('tbody');
     this.about = h('div', { hidden: true, class: 'panel-part' }, this.#aboutParts());
@@ -37,8 +38,8 @@ export class Opening extends EventTarget {
   #aboutParts() {
     this.title = h('h3');
     this.notes = h('div');
-    return [h('hr'), this.title, this.notes, h('div.row', {}, field('Its unit', this.unit), field('Its axes', this.axis)), this.reach,
-      h('div.scroll', {}, h('table.tracks', {}, h('thead', {}, h('tr', {}, h('th', { scope: 'col' }, 'Track'), h('th', { scope: 'col' }, 'Use as ', word('role', '?')))), this.tracks))];
+    return [h('hr'), this.title, this.notes, h('div.row', {}, field('Its unit', this.unit), field('Its axes', this.axis), field('Table height [m]', this.height)), this.reach,
+      h('div.scroll.all-tracks', {}, h('table.tracks', {}, h('thead', {}, h('tr', {}, h('th', { scope: 'col' }, 'Track'), h('th', { scope: 'col' }, 'Use as ', word('role', '?')))), this.tracks))];
   }
 
   /** Offer the sessions that have ended. @param {string | null} chosen */
@@ -53,9 +54,9 @@ export class Opening extends EventTarget {
     return chosen ? this.#openSession() : undefined;
   }
 
-  /** @param {File} file */
-  async take(file) {
-    await this.#try(() => open(file));
+  /** @param {File} file @param {import('./recording.js').Geometry | null} [declared] */
+  async take(file, declared = null) {
+    await this.#try(() => open(file, declared), (error) => silentOfGeometry(error) && this.#declare(file));
     this.file.value = '';
     this.sessions.value = '';
   }
@@ -76,8 +77,15 @@ export class Opening extends EventTarget {
     if (session) await this.#try(() => ofSession(session));
   }
 
-  /** @param {() => Promise<Opened>} read */
-  async #try(read) {
+  /** Fields for what a file does not say of its numbers. @param {File} file */
+  #declare(file) {
+    const [unit, axis] = [select(UNITS, 'mm'), select(AXES, 'z')];
+    const again = button('Read it so', () => this.take(file, { length_unit: unit.value, up_axis: axis.value }), { class: 'main' });
+    return h('div.panel-part', {}, h('div.row', {}, field('Its unit', unit), field('Its axes', axis)), again);
+  }
+
+  /** @param {() => Promise<Opened>} read @param {(error: unknown) => any} [remedy] */
+  async #try(read, remedy = () => null) {
     fill(this.trouble, h('p.soft', { role: 'status' }, 'reading…'));
     try {
       this.recording = await read();
@@ -85,7 +93,7 @@ export class Opening extends EventTarget {
       this.#show();
     } catch (error) {
       const text = error instanceof Unreadable ? new Error(`This file cannot be read: ${error.message}`) : error;
-      fill(this.trouble, problemBox(text));
+      fill(this.trouble, problemBox(text), remedy(error));
     }
   }
 
@@ -98,7 +106,11 @@ export class Opening extends EventTarget {
     this.unit.disabled = this.axis.disabled = recording.geometry !== null;
     this.about.hidden = false;
     this.title.textContent = recording.name;
-    fill(this.notes, recording.notes.map((note) => h('p.hint', {}, note)));
+    const { t, notes } = recording;
+    const told = `${t.length.toLocaleString()} frames, ${(t[t.length - 1] - t[0]).toFixed(1)} s`;
+    const further = notes.length > 0 && h('details', {}, h('summary', {}, 'How it was read'), h('ul', {}, notes.map((note) => h('li.hint', {}, note))));
+    fill(this.notes, h('p.hint', {}, told), further);
+    this.height.value = recording.tableHeight === null ? '' : String(recording.tableHeight);
     this.offerRoles(this.roles);
     this.#ground('open');
   }
@@ -107,6 +119,7 @@ export class Opening extends EventTarget {
   #ground(kind) {
     const { recording } = this;
     if (!recording) return;
+    recording.tableHeight = this.height.value === '' ? null : Number(this.height.value);
     recording.tracks = grounded(recording.raw, { length_unit: this.unit.value, up_axis: this.axis.value });
     const sides = extent(/** @type {Float64Array} */ (recording.tracks.get(recording.hand)));
     this.reach.textContent = `So the hand moves within ${sides.map((side) => side.toFixed(2)).join(' × ')} m (the last is the height).`;
@@ -116,7 +129,9 @@ export class Opening extends EventTarget {
   #showTracks() {
     const { recording, roles } = this;
     if (!recording) return;
-    fill(this.tracks, [...recording.raw.keys()].map((name) => {
+    const used = (/** @type {string} */ name) => name === recording.hand || name in recording.objects;
+    const names = [...recording.raw.keys()];
+    fill(this.tracks, [...names.filter(used), ...names.filter((name) => !used(name))].map((name) => {
       const own = name === 'hand' ? [] : [name];
       const uses = [['', 'not used'], ['/hand', 'the hand'], ...new Set([...roles, ...own])].map((use) => (Array.isArray(use) ? use : [use, use]));
       const value = name === recording.hand ? '/hand' : recording.objects[name] ?? '';
@@ -150,6 +165,11 @@ export class Opening extends EventTarget {
       if (file) this.take(file);
     });
   }
+}
+
+/** Whether a file was refused for not saying its unit or its axes. @param {unknown} error */
+function silentOfGeometry(error) {
+  return error instanceof Problem && error.errors.some(({ code }) => code === 'undeclared_geometry');
 }
 
 /** Return how numbers may be meant: hands move within metres. @param {Opened} recording */

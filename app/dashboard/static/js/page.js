@@ -19,6 +19,7 @@ const VIEWS = {
   generate: ['Generate', async () => (await import('./generate_view.js')).showGenerate],
 };
 
+/** @type {[string, [string, string][]][]} */
 const HELP = [
   ['Everywhere', [['1 – 4', 'Live, Recordings, Models, Generate'], ['T', 'light or dark'], ['?', 'this help'],
     ['Tab', 'to the next control; Esc closes what is open']]],
@@ -82,7 +83,7 @@ function onKey(event) {
 
 function openHelp() {
   const groups = HELP.map(([title, keys]) => h('section', {}, h('h3', {}, title),
-    h('dl', {}, /** @type {string[][]} */ (keys).map(([key, does]) => [h('dt', {}, h('kbd', {}, key)), h('dd', {}, does)]).flat())));
+    h('dl', {}, keys.map(([key, does]) => [h('dt', {}, h('kbd', {}, key)), h('dd', {}, does)]).flat())));
   fill(help, h('h2', { id: 'help-title' }, 'What this page does'),
     h('p', {}, 'Gesta learns actions from demonstrations, recognises them while a hand moves, and makes new movements '
       + 'of the same kind. Live shows what is recognised now; Recordings is for looking at files and labelling them; '

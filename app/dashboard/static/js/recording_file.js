@@ -1,7 +1,7 @@
 /** Recordings out of files: CSV and JSON are read here, every other format by the server. */
 
 import { ask, at } from './api.js';
-import { flat } from './recording.js';
+import { GROUND, flat } from './recording.js';
 
 /** @typedef {import('./recording.js').Recording} Recording */
 /** @typedef {Recording & {raw: Map<string, Float64Array>, geometry: import('./recording.js').Geometry | null}} Opened */
@@ -12,12 +12,13 @@ export class Unreadable extends Error {}
 /**
  * Return what a file holds. Throws Unreadable, Problem, Unreachable.
  * @param {File} file
+ * @param {import('./recording.js').Geometry | null} [declared] where the file does not say it
  * @returns {Promise<Opened>}
  */
-export async function open(file) {
-  if (/\.csv$/i.test(file.name)) return opened(file.name, ...fromCsv(await file.text()));
+export async function open(file, declared = null) {
   if (/\.json$/i.test(file.name)) return fromJson(file.name, await file.text());
-  return fromServer(file);
+  const ours = /\.csv$/i.test(file.name) && /^\uFEFF?"?t"?\s*[,;\t]/.test(await file.slice(0, 20).text());
+  return ours ? opened(file.name, ...fromCsv(await file.text())) : fromServer(file, declared);
 }
 
 /**
@@ -89,24 +90,43 @@ function fromTold(name, told) {
   const t = motion.t ? Float64Array.from(motion.t) : Float64Array.from(motion.hand, (/** @type {any} */ _, /** @type {number} */ frame) => frame / motion.rate_hz);
   const tracks = Object.entries({ hand: motion.hand, ...motion.objects });
   const made = opened(name, t, new Map(tracks.map(([track, positions]) => [track, flat(/** @type {any} */ (positions))])));
-  const labels = (holder.segments || []).filter((/** @type {any} */ each) => each.action && 'start_s' in each);
+  return { ...made, geometry: told.geometry || null, tableHeight: told.scene?.table_height_m ?? null, labels: labelsOf(holder.segments || []) };
+}
+
+/** @param {File} file @param {import('./recording.js').Geometry | null} declared @returns {Promise<Opened>} */
+async function fromServer(file, declared) {
+  const form = new FormData();
+  form.append('file', file);
+  for (const [name, value] of Object.entries(declared || {})) form.append(name, value);
+  const told = await ask(at('captures'), { body: form });
+  const tracks = new Map(Object.entries(told.tracks).map(([name, positions]) => [name, flat(/** @type {any} */ (positions))]));
+  const { proposal } = told;
+  const hand = proposal && together('hand', proposal.hand, tracks);
+  const objects = Object.entries(proposal?.objects || {}).map(([role, names]) => [together(role, names, tracks), role]);
+  const made = opened(file.name, Float64Array.from(told.t), tracks);
+  const rate = told.rate_hz ? `, ${Number(told.rate_hz.toFixed(1))} Hz` : '';
   return {
-    ...made,
-    geometry: told.geometry || null,
-    tableHeight: told.scene?.table_height_m ?? null,
-    labels: labels.map((/** @type {any} */ each) => ({ action: each.action, start: each.start_s, end: each.end_s })),
+    ...made, ...(proposal ? { hand, objects: Object.fromEntries(objects) } : {}), geometry: GROUND, labels: labelsOf(told.labels || []),
+    notes: [`read as ${told.format}${rate}`, ...(told.reasons || []), ...(told.notes || [])],
   };
 }
 
-/** @param {File} file */
-async function fromServer(file) {
-  const form = new FormData();
-  form.append('file', file);
-  const told = await ask(at('captures'), { body: form });
-  const tracks = Object.entries(told.tracks).map(([name, positions]) => [name, flat(/** @type {any} */ (positions))]);
-  const made = opened(file.name, Float64Array.from(told.t), new Map(/** @type {any} */ (tracks)));
-  const objects = Object.entries(told.proposal?.objects || {}).map(([role, track]) => [track, role]);
-  return { ...made, geometry: { length_unit: 'm', up_axis: 'z' }, hand: told.proposal?.hand || made.hand, objects: Object.fromEntries(objects), notes: [`read as ${told.format}, ${Math.round(told.rate_hz)} Hz`, ...(told.notes || [])] };
+/**
+ * Return the track that several stand for: their mean, which is added, missing where one of them is.
+ * @param {string} role @param {string | string[]} names @param {Map<string, Float64Array>} tracks
+ */
+function together(role, names, tracks) {
+  const list = Array.isArray(names) ? names : [names];
+  if (list.length === 1) return list[0];
+  const all = list.map((name) => /** @type {Float64Array} */ (tracks.get(name)));
+  const name = `${role}: mean of ${list.length}`;
+  tracks.set(name, all[0].map((_, at) => all.reduce((sum, track) => sum + track[at], 0) / all.length));
+  return name;
+}
+
+/** @param {any[]} told @returns {import('./recording.js').Label[]} */
+function labelsOf(told) {
+  return told.filter((each) => each.action && 'start_s' in each).map((each) => ({ action: each.action, start: each.start_s, end: each.end_s }));
 }
 
 /**

@@ -15,7 +15,6 @@ export class RecordingScene {
    * @param {() => {action: string | null, start: number, end: number}[]} segments that colour the path
    */
   constructor(stage, recording, segments) {
-    Object.assign(this, { stage, recording, segments });
     this.stage = stage;
     this.recording = recording;
     this.segments = segments;

@@ -1,7 +1,7 @@
 /** Recordings: open one, look at it, have it segmented, correct the segments, learn from them. */
 
 import { Chart } from './chart.js';
-import { button, h, tell } from './elements.js';
+import { button, h } from './elements.js';
 import { Labelling, known } from './labelling.js';
 import { Labels } from './labels.js';
 import { ModelChoice } from './model_choice.js';
@@ -28,7 +28,7 @@ class RecordingsView {
     this.opening = new Opening();
     this.player = new Player();
     this.timeline = new Timeline(this.labels, (time) => this.player.seek(time));
-    this.chart = new Chart('hand [m/s]', (time) => this.player.seek(time));
+    this.chart = new Chart('speed of the hand [m/s]', (time) => this.player.seek(time));
     this.labelling = new Labelling(this.choice, this.labels, () => this.player.time);
     /** @type {RecordingScene | null} */
     this.scene = null;
@@ -87,7 +87,6 @@ class RecordingsView {
     this.#look(t[0], t[t.length - 1]);
     if (segments.length) this.#told();
     else this.timeline.tell([], '');
-    tell(`${recording.name}: ${t.length.toLocaleString()} frames.`);
   }
 
   /** Lay tracks out anew: they are others, or mean something else. */

@@ -10,7 +10,7 @@ export class RequestForm extends EventTarget {
     const changed = () => this.dispatchEvent(new Event('change'));
     this.start = [0, 1, 2].map(() => coordinate(changed));
     this.goal = [0, 1, 2].map(() => coordinate(changed));
-    this.duration = optional(changed, 'as demonstrated', 0.05, 0.1);
+    this.duration = optional(changed, 'as shown', 0.05, 0.1);
     this.velocity = optional(changed, 'none', 0.01, 0.1);
     this.acceleration = optional(changed, 'none', 0.01, 0.5);
     this.rate = h('input', { type: 'number', min: 1, max: 1000, step: 1, value: 100, required: true, onchange: changed });

@@ -28,6 +28,8 @@ export function openStage(host, label) {
 
 /** A scene. What changes in it calls `invalidate`. */
 export class Stage {
+  recolour = () => (this.#colour(), this.invalidate());
+
   /** @param {HTMLElement} host @param {string} label */
   constructor(host, label) {
     this.canvas = document.createElement('canvas');
@@ -52,7 +54,9 @@ export class Stage {
     this.drawn = 0;
     this.asked = 0;
     this.lastTime = 0;
-    this.#listen(host);
+    this.size = new ResizeObserver(() => this.#resize(host));
+    this.size.observe(host);
+    this.#listen();
     this.#furnish();
     this.fit();
   }
@@ -151,12 +155,8 @@ export class Stage {
     this.ratio = this.quick ? Math.min(devicePixelRatio, 2) : 1;
   }
 
-  /** @param {HTMLElement} host */
-  #listen(host) {
-    this.size = new ResizeObserver(() => this.#resize(host));
-    this.size.observe(host);
+  #listen() {
     this.controls.addEventListener('change', () => this.invalidate());
-    this.recolour = () => (this.#colour(), this.invalidate());
     theme.addEventListener('change', this.recolour);
     this.canvas.addEventListener('keydown', (event) => this.#onKey(event));
   }

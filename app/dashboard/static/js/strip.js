@@ -5,8 +5,8 @@ import { colour, nameOf, wordOf } from './palette.js';
 
 /** @typedef {import('./live_model.js').LiveModel} LiveModel */
 
-const SPAN = 20;
 /** What is to be seen [s]. */
+const SPAN = 20;
 const LANE = { top: 20, height: 34 };
 const FASTEST = 0.5;
 

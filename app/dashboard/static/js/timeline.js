@@ -13,6 +13,9 @@ export class Timeline {
     this.onSeek = onSeek;
     this.begin = 0;
     this.end = 1;
+    /** @type {Block[]} */
+    this.blocks = [];
+    this.title = '';
     this.ruler = h('div.ruler', { 'aria-hidden': 'true' });
     this.truth = h('div.lane', { role: 'group', 'aria-label': 'Truth: segments that you can edit' });
     this.said = h('div.lane', { role: 'group', 'aria-label': 'What the model says' });
@@ -28,7 +31,7 @@ export class Timeline {
     Object.assign(this, { begin, end });
     this.#drawRuler();
     this.#drawTruth();
-    this.tell(this.blocks || [], this.title || '');
+    this.tell(this.blocks, this.title);
   }
 
   /** @param {Block[]} blocks @param {string} title */

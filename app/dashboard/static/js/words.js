@@ -60,7 +60,7 @@ export function word(name, text) {
  */
 export function problemBox(error) {
   const places = error instanceof Problem ? error.errors : [];
-  const listed = places.slice(0, 6).map((place) => h('li', {}, place.pointer && h('code', {}, place.pointer), ' ', place.detail));
+  const listed = (places.length > 1 ? places : []).slice(0, 6).map((place) => h('li', {}, place.pointer && h('code', {}, place.pointer), ' ', place.detail));
   return h('div.problem', { role: 'alert' }, h('p', {}, sentence(error)), listed.length > 0 && h('ul', {}, listed));
 }
 
@@ -69,7 +69,8 @@ export function problemBox(error) {
  * @param {unknown} error
  */
 export function sentence(error) {
-  const text = error instanceof Error ? error.message : String(error);
+  const only = error instanceof Problem && error.errors.length === 1 && error.errors[0].detail;
+  const text = only || (error instanceof Error ? error.message : String(error));
   return text.charAt(0).toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? '' : '.');
 }
 
