@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.progress import MofNCompleteColumn, Progress
 
 from app.commands.asking import URL, Url, Version, asking, number_of
 from app.commands.live import Block, run, until_stopped
 from app.commands.recordings import MappingFile, Reading, Unit, Up, arrays
-from app.commands.terminal import AsJson
+from app.commands.terminal import AsJson, progress
 
 if TYPE_CHECKING:
     from app.client.wire import Floats
@@ -47,8 +48,18 @@ def replay(
             "options": {"hypotheses": False},
         }
         blocks = paced(times, hand, objects, speed, stopped)
-        with client.stream(model, **start) as stream:
-            run(stream, blocks, as_json, stopped)
+        bar = progress("Replaying", MofNCompleteColumn(), as_json=as_json)
+        with client.stream(model, **start) as stream, bar as shown:
+            run(stream, _counted(blocks, shown, len(times)), as_json, stopped)
+
+
+def _counted(blocks: Iterable[Block], shown: Progress, n_frames: int) -> Iterator[Block]:
+    """Yield the blocks and show how many of their frames have gone."""
+    [task] = shown.task_ids
+    shown.update(task, total=n_frames)
+    for block in blocks:
+        yield block
+        shown.advance(task, len(block.hand))
 
 
 def paced(

@@ -11,14 +11,14 @@ import json
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Annotated, Any
 
 import httpx
 import typer
-from rich.progress import MofNCompleteColumn
+from rich.progress import MofNCompleteColumn, Progress
 
 from app.client import ApiError, GestaClient, GestaError, Message
 from app.commands.archive import recordings
@@ -77,7 +77,8 @@ def segment(
             if output is not None:
                 file = files.enter_context(output.open("w", newline="", encoding="utf-8"))
                 writer = Writer(file, output.suffix.lower() != ".csv")
-            n_failed = _run(archive, listed, writer)
+            bar = progress("Segmenting", MofNCompleteColumn(), as_json=as_json)
+            n_failed = _run(archive, listed, writer, bar)
     if n_failed:
         raise failure(f"{n_failed} of {len(listed)} recordings failed")
 
@@ -164,10 +165,12 @@ class Writer:
             show_table(SHOWN, *self._told)
 
 
-def _run(archive: Archive, paths: Sequence[Path], writer: Writer) -> int:
+def _run(
+    archive: Archive, paths: Sequence[Path], writer: Writer, bar: AbstractContextManager[Progress]
+) -> int:
     """Show how far it is; return how many failed."""
     n_failed = 0
-    with progress("Segmenting", MofNCompleteColumn()) as shown:
+    with bar as shown:
         [task] = shown.task_ids
         shown.update(task, total=len(paths))
         for path, found in archive.segments(paths):

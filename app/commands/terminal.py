@@ -38,13 +38,13 @@ def failure(text: str) -> typer.Exit:
 def show(*lines: str) -> None:
     """Tell lines of the result."""
     for line in lines:
-        typer.echo(printable(line))
+        sys.stdout.write(f"{printable(line)}\n")
     sys.stdout.flush()
 
 
 def show_json(value: Any) -> None:
     """Tell the result, or a line of it, as JSON."""
-    typer.echo(json.dumps(value))
+    sys.stdout.write(f"{json.dumps(value)}\n")
     sys.stdout.flush()
 
 
@@ -68,13 +68,17 @@ def printable(text: str) -> str:
 
 
 @contextmanager
-def progress(what: str, *further: ProgressColumn) -> Iterator[Progress]:
-    """Give a progress bar on standard error, with columns of fields of its tasks behind it.
+def progress(what: str, *further: ProgressColumn, as_json: bool = False) -> Iterator[Progress]:
+    """Give a progress bar on standard error, with further columns.
 
-    What is told meanwhile goes above it; a result only where it would stand at the same terminal.
+    What is told meanwhile goes above it, and so does a result that is shown at the same terminal. as_json:
+    there the result is JSON, of which no line may be wrapped; it does without the bar.
     """
+    together = sys.stdout.isatty()
     columns = (TextColumn("{task.description}"), BarColumn(24), *further, TimeElapsedColumn())
-    with Progress(*columns, console=_beside(), redirect_stdout=sys.stdout.isatty()) as shown:
+    with Progress(
+        *columns, console=_beside(), redirect_stdout=together, disable=together and as_json
+    ) as shown:
         shown.add_task(what, total=None, message="")
         yield shown
 
