@@ -44,7 +44,7 @@ def lines_of_input(stopped: threading.Event) -> Batches:
 
 
 def lines_of_datagrams(at: str, stopped: threading.Event) -> Batches:
-    """Yield the lines of datagrams that come to HOST:PORT until ``stopped``.
+    """Yield the lines of datagrams that come to HOST:PORT until ``stopped``, and of those that wait then.
 
     A thread takes them as they come, since nobody sends one twice; those that find no room are counted.
     """
@@ -55,7 +55,10 @@ def lines_of_datagrams(at: str, stopped: threading.Event) -> Batches:
         receiver.start()
         try:
             while not stopped.is_set():
-                yield [line for datagram in _taken(waiting) for line in datagram.rstrip().split(b"\n")]
+                yield _lines(_taken(waiting))
+            while left := _taken(waiting):
+                leaving.set()
+                yield _lines(left)
         finally:
             leaving.set()
             receiver.join()
@@ -90,6 +93,10 @@ def _receive(opened: socket.socket, waiting: Queue[bytes], leaving: threading.Ev
                 waiting.put_nowait(datagram)
             except Full:
                 lost[0] += 1
+
+
+def _lines(datagrams: list[bytes]) -> list[bytes]:
+    return [line for datagram in datagrams for line in datagram.rstrip().split(b"\n")]
 
 
 def _taken(waiting: Queue[bytes]) -> list[bytes]:

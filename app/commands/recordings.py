@@ -176,26 +176,3 @@ def read_body(path: Path) -> Recorded:
     return Recorded(
         recording["trajectory"], body["geometry"], body.get("scene"), recording.get("segments", ())
     )
-
-
-def arrays(recorded: Recorded) -> tuple[Any, Any, dict[str, Any]]:
-    """Return times (n,) [s], hand and objects (n, 3) of a recording; a dropout is NaN. Raises Unusable."""
-    import numpy as np  # noqa: PLC0415 (for streams alone)
-
-    motion = recorded.trajectory
-    try:
-        tracks = {HAND: motion[HAND], **motion.get("objects", {})}
-        rows = {
-            name: np.array([[np.nan] * 3 if at is None else at for at in track], float)
-            for name, track in tracks.items()
-        }
-        hand = rows.pop(HAND)
-        times = (
-            np.arange(len(hand)) / motion["rate_hz"] if "rate_hz" in motion else np.array(motion["t"], float)
-        )
-        for name, track in {HAND: hand, **rows}.items():
-            if track.shape != (len(times), 3):
-                raise ValueError(f"{name} has shape {track.shape}, needs ({len(times)}, 3)")
-    except (AttributeError, LookupError, TypeError, ValueError, ZeroDivisionError) as error:
-        raise Unusable(f"the trajectory needs t or rate_hz, hand and objects: {error}") from error
-    return times, hand, rows

@@ -8,12 +8,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 from rich.progress import MofNCompleteColumn, Progress
 
 from app.commands.asking import URL, Url, Version, asking, number_of
 from app.commands.live import Block, run, until_stopped
-from app.commands.recordings import MappingFile, Reading, Unit, Up, arrays
+from app.commands.recordings import HAND, MappingFile, Reading, Recorded, Unit, Unusable, Up
 from app.commands.terminal import AsJson, progress
 
 if TYPE_CHECKING:
@@ -51,6 +52,27 @@ def replay(
         bar = progress("Replaying", MofNCompleteColumn(), as_json=as_json)
         with client.stream(model, **start) as stream, bar as shown:
             run(stream, _counted(blocks, shown, len(times)), as_json, stopped)
+
+
+def arrays(recorded: Recorded) -> tuple[Floats, Floats, dict[str, Floats]]:
+    """Return times (n,) [s], hand and objects (n, 3) of a recording; a dropout is NaN. Raises Unusable."""
+    motion = recorded.trajectory
+    try:
+        tracks = {HAND: motion[HAND], **motion.get("objects", {})}
+        rows = {
+            name: np.array([[np.nan] * 3 if at is None else at for at in track], float)
+            for name, track in tracks.items()
+        }
+        hand = rows.pop(HAND)
+        times = (
+            np.arange(len(hand)) / motion["rate_hz"] if "rate_hz" in motion else np.array(motion["t"], float)
+        )
+        for name, track in {HAND: hand, **rows}.items():
+            if track.shape != (len(times), 3):
+                raise ValueError(f"{name} has shape {track.shape}, needs ({len(times)}, 3)")
+    except (AttributeError, LookupError, TypeError, ValueError, ZeroDivisionError) as error:
+        raise Unusable(f"the trajectory needs t or rate_hz, hand and objects: {error}") from error
+    return times, hand, rows
 
 
 def _counted(blocks: Iterable[Block], shown: Progress, n_frames: int) -> Iterator[Block]:

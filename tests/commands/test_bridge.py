@@ -107,7 +107,7 @@ class TestDatagrams:
             for first in range(0, len(MOTION), 3):
                 sender.sendto(as_lines(MOTION, first, first + 3).encode(), ("127.0.0.1", port))
                 time.sleep(0.002)
-        time.sleep(0.5)
+        time.sleep(0.1)
         process.interrupt()
         told, _ = process.finished()
         assert told[:-1] == expected(trained, MOTION)
@@ -126,7 +126,7 @@ class TestDatagrams:
             told = [process.first()]
             with wire.broken():
                 send(200, len(MOTION))
-        time.sleep(0.5)
+        time.sleep(0.1)
         process.interrupt()
         further, _ = process.finished()
         assert [*told, *further][:-1] == expected(trained, MOTION)
