@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,10 +49,20 @@ def test_a_table_becomes_demonstrations(
     page.get_by_role("button", name="Compare with the truth").click()
     page.get_by_text("Version 1 against the truth").wait_for()
     assert page.locator(".measures dd").first.inner_text() == "5 / 5"
+    page.keyboard.press("4")
+    page.wait_for_selector("html[data-ready=generate]")
+    page.go_back()
+    until(page, "document.querySelectorAll('.lane .block').length === 10")
+    assert truth(page)[0] != found[0], "what was open is open again"
     before = sum(gesta.model("table-top")["actions"].values())
     page.get_by_role("button", name="Save as demonstrations").click()
     page.get_by_text("5 demonstrations saved.").wait_for()
     assert sum(gesta.model("table-top")["actions"].values()) == before + 5
+    with page.expect_download() as started:
+        page.get_by_role("button", name="Download").click()
+    kept = json.loads(started.value.path().read_text())
+    again = gesta.request("POST", "/models/table-top/demonstrations", kept)
+    assert len(again["duplicates"]) == 5
 
 
 def test_labels_are_made_with_the_keyboard_alone(open_page: OpenPage, table: Path) -> None:

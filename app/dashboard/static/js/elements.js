@@ -90,6 +90,17 @@ export function tell(text, kind = 'good') {
   setTimeout(() => notice.remove(), kind === 'bad' ? 9000 : 5000);
 }
 
+/**
+ * Let the user keep a file.
+ * @param {Blob} content
+ * @param {string} name
+ */
+export function offerFile(content, name) {
+  const address = URL.createObjectURL(content);
+  h('a', { href: address, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(address), 10_000);
+}
+
 /** @param {(Child | Child[])[]} children */
 function shown(children) {
   return /** @type {(Node | string)[]} */ (

@@ -2,7 +2,7 @@
 
 import { ask, send } from './api.js';
 import { Chart } from './chart.js';
-import { button, field, fill, h, offer, select, tell } from './elements.js';
+import { button, field, fill, h, offer, offerFile, select, tell } from './elements.js';
 import { feasibilityTold } from './feasibility.js';
 import { seconds } from './figures.js';
 import { GenerationScene } from './generation_scene.js';
@@ -176,9 +176,7 @@ class GenerateView {
   async #download(accept, ending) {
     try {
       const response = await send(this.#address(), { body: this.form.body, accept });
-      const address = URL.createObjectURL(await response.blob());
-      h('a', { href: address, download: `${this.choice.model.name}-${this.action.value}.${ending}` }).click();
-      setTimeout(() => URL.revokeObjectURL(address), 10_000);
+      offerFile(await response.blob(), `${this.choice.model.name}-${this.action.value}.${ending}`);
     } catch (error) {
       tell(problemBox(error), 'bad');
     }

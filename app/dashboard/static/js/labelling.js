@@ -2,7 +2,7 @@
 
 import { ask, at, send } from './api.js';
 import { confusionTable } from './confusion.js';
-import { button, field, fill, h, tell } from './elements.js';
+import { button, field, fill, h, offerFile, tell } from './elements.js';
 import { counted, fixed, milliseconds, percent, seconds } from './figures.js';
 import { JobBar, answerOf } from './jobs.js';
 import { GROUND, asTrajectory } from './recording.js';
@@ -31,6 +31,7 @@ export class Labelling extends EventTarget {
     this.segment = button('Find the segments', () => this.#run(() => this.#segment()), { class: 'main' });
     this.copy = button('Take over as truth', () => labels.replace(known(this.recording)), { title: 'Copies what the model says into the lane that you can edit' });
     this.save = button('Save as demonstrations', () => this.#run(() => this.#save()));
+    this.keep = button('Download', () => this.#download(), { title: 'Recording and labels as a JSON file, which this page opens again' });
     this.measure = button('Compare with the truth', () => this.#run(() => this.#evaluate()));
     this.adder = button('New segment', () => this.add(), { title: 'At the playhead (N)' });
     this.remover = button('Remove', () => labels.remove(), { class: 'danger', title: 'The chosen segment (Delete)' });
@@ -43,7 +44,7 @@ export class Labelling extends EventTarget {
 
   #parts() {
     return [h('div.row', {}, this.segment, this.copy), h('hr'), h('h3', {}, 'Truth'), field('Action', this.action), this.actions, this.span,
-      h('div.row', {}, this.adder, this.remover, this.undoer), h('div.row', {}, this.save, this.measure)];
+      h('div.row', {}, this.adder, this.remover, this.undoer), h('div.row', {}, this.save, this.measure, this.keep)];
   }
 
   /** @param {Recording} recording */
@@ -77,7 +78,7 @@ export class Labelling extends EventTarget {
     this.copy.disabled = !known(recording).length;
     this.save.disabled = !labels.all.length || !choice.model;
     this.measure.disabled = !labels.all.length || !choice.version;
-    this.adder.disabled = !ready;
+    this.adder.disabled = this.keep.disabled = !ready;
     this.remover.disabled = !chosen;
     this.undoer.disabled = !labels.before.length;
   }
@@ -108,6 +109,7 @@ export class Labelling extends EventTarget {
   async #save() {
     const body = { ...this.#ground(), recording: this.#labelled() };
     const { created, duplicates } = await ask(at('models', this.choice.model.name, 'demonstrations'), { body });
+    this.labels.saved();
     const known = duplicates.length ? `, ${duplicates.length} were known already` : '';
     tell(`${counted(created.length, 'demonstration')} saved for ${this.choice.model.name}${known}.`);
     fill(this.result, h('p.fine', {}, `${counted(created.length, 'demonstration')} saved${known}. `, h('a', { href: `#/models?model=${encodeURIComponent(this.choice.model.name)}` }, 'Train a version with them')));
@@ -117,6 +119,13 @@ export class Labelling extends EventTarget {
     const body = { ...this.#ground(), recording: this.#labelled() };
     const response = await send(this.choice.address('evaluations'), { body, signal: this.left.signal });
     fill(this.result, measures(await answerOf(response, (job) => this.job.show(job), this.left.signal)));
+  }
+
+  #download() {
+    const recording = /** @type {Recording} */ (this.recording);
+    const text = JSON.stringify({ ...this.#ground(), recording: this.#labelled() });
+    offerFile(new Blob([text], { type: 'application/json' }), `${recording.name.replace(/\.\w+$/, '')}-labelled.json`);
+    this.labels.saved();
   }
 
   #ground() {

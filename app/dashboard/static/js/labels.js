@@ -12,13 +12,14 @@ export class Labels extends EventTarget {
     this.all = [];
     this.chosen = -1;
     this.t = new Float64Array([0, 1]);
+    this.unsaved = false;
     /** @type {Label[][]} what was before, to be undone */
     this.before = [];
   }
 
   /** @param {Float64Array} t @param {Label[]} labels */
   open(t, labels) {
-    Object.assign(this, { t, before: [] });
+    Object.assign(this, { t, before: [], unsaved: false });
     this.#set(labels, -1);
   }
 
@@ -100,7 +101,13 @@ export class Labels extends EventTarget {
     return this.t[frameAt(this.t, time)];
   }
 
+  /** What there is now is kept elsewhere, too. */
+  saved() {
+    this.unsaved = false;
+  }
+
   #remember() {
+    this.unsaved = true;
     this.before.push(this.all.map((label) => ({ ...label })));
     if (this.before.length > 100) this.before.shift();
     this.moving = '';

@@ -6,6 +6,11 @@
 /** Frames that are remembered: half a minute at 20 a second. */
 export const CAPACITY = 640;
 
+/** A movement that is over or under way, and not yet final. @typedef {{action: string | null, start_seq: number, through_seq: number}} Pending */
+
+/** Hypotheses come a little later than frames: so many frames are taken to go on as before. */
+const SLACK = 12;
+
 export class LiveModel {
   constructor() {
     this.seqs = new Float64Array(CAPACITY);
@@ -19,6 +24,8 @@ export class LiveModel {
     this.segments = [];
     /** @type {Hypothesis | null} */
     this.hypothesis = null;
+    /** @type {Pending[]} */
+    this.pending = [];
     this.frames = 0;
     this.messages = 0;
   }
@@ -27,9 +34,9 @@ export class LiveModel {
   hear({ kind, data }) {
     this.messages += 1;
     if (kind === 'frame') this.#frame(data);
-    else if (kind === 'hypothesis') this.hypothesis = data;
-    else if (kind === 'segment') this.segments.push(data);
-    else if (kind === 'ended') this.hypothesis = null;
+    else if (kind === 'hypothesis') this.#suppose(data);
+    else if (kind === 'segment' && data.segment >= this.segments.length) this.#decide(data);
+    else if (kind === 'ended') Object.assign(this, { hypothesis: null, pending: [] });
   }
 
   /** The time of the newest frame [s]. */
@@ -65,8 +72,24 @@ export class LiveModel {
       if (seq > end) break;
       if (seq >= start) return action;
     }
-    const open = this.hypothesis;
-    return open && seq >= open.start_seq ? this.guess?.action ?? null : 'rest';
+    const open = this.pending.findLast((each) => seq >= each.start_seq && seq <= each.through_seq + SLACK);
+    return open ? open.action : 'rest';
+  }
+
+  /** @param {Hypothesis} hypothesis */
+  #suppose(hypothesis) {
+    this.hypothesis = hypothesis;
+    const { start_seq, through_seq } = hypothesis;
+    const action = this.guess?.action ?? null;
+    if (action === 'rest') return;
+    while (this.pending.length && this.pending[this.pending.length - 1].through_seq > start_seq) this.pending.pop();
+    this.pending.push({ action, start_seq, through_seq });
+  }
+
+  /** @param {Segment} segment */
+  #decide(segment) {
+    this.segments.push(segment);
+    this.pending = this.pending.filter(({ start_seq: start }) => start >= segment.end_seq);
   }
 
   /** @param {{seq: number, t: number, hand: number[] | null, objects: Record<string, number[] | null>}} frame */

@@ -14,6 +14,9 @@ import { emptyBox, problemBox, word } from './words.js';
 
 const LOOK_AGAIN_MS = 2000;
 const ROWS = 60;
+/** Frames come only from the process that a session lives in: so often another connection is tried. */
+const TRIES = 20;
+const SILENT_MS = 1200;
 
 /** @type {import('./page.js').Show} */
 export function showLive(host, query) {
@@ -125,7 +128,30 @@ class LiveView {
     const version = await ask(at('models', session.model, 'versions', session.version)).catch(() => ({ actions: [] }));
     meet(version.actions);
     this.classes.show([...version.actions, 'rest', null].map((name) => ({ name, value: 0 })));
-    listen(session.id, (event) => (this.model.hear(event), this.#dirty()), (state, error) => this.#tell(state, error), signal);
+    if (!signal.aborted) this.#listen(TRIES);
+  }
+
+  /** @param {number} tries how many connections may be tried until frames come */
+  #listen(tries) {
+    const { model, chosen } = this;
+    this.listening.abort();
+    this.listening = new AbortController();
+    const { signal } = this.listening;
+    const told = (/** @type {import('./listening.js').State} */ state, /** @type {unknown} */ error) => {
+      if (signal.aborted) return;
+      this.#tell(state, error);
+      if (state === 'listening') this.#expectFrames(tries, signal);
+    };
+    listen(/** @type {string} */ (chosen), (event) => (model.hear(event), this.#dirty()), told, signal);
+  }
+
+  /** Try another connection where no frames come over this one. @param {number} tries @param {AbortSignal} signal */
+  async #expectFrames(tries, signal) {
+    const before = this.model.frames;
+    await pause(SILENT_MS, signal);
+    if (signal.aborted || this.model.frames > before || this.root.dataset.listening !== 'listening') return;
+    if (tries > 1) this.#listen(tries - 1);
+    else fill(this.state, 'No frames come: nobody sends any just now, or the session lives on another server. Its segments are told all the same.');
   }
 
   /** @param {import('./listening.js').State} state @param {unknown} [error] */

@@ -61,6 +61,12 @@ export class Opening extends EventTarget {
     this.sessions.value = '';
   }
 
+  /** Open again what was left. @param {Opened} recording */
+  restore(recording) {
+    this.recording = recording;
+    this.#show();
+  }
+
   /** The roles of the model that is chosen. @param {string[]} roles */
   offerRoles(roles) {
     this.roles = roles;
@@ -100,7 +106,7 @@ export class Opening extends EventTarget {
   #show() {
     const { recording } = this;
     if (!recording) return;
-    const geometry = recording.geometry || guessed(recording);
+    const geometry = recording.geometry || recording.meant || guessed(recording);
     this.unit.value = geometry.length_unit;
     this.axis.value = geometry.up_axis;
     this.unit.disabled = this.axis.disabled = recording.geometry !== null;
@@ -120,7 +126,8 @@ export class Opening extends EventTarget {
     const { recording } = this;
     if (!recording) return;
     recording.tableHeight = this.height.value === '' ? null : Number(this.height.value);
-    recording.tracks = grounded(recording.raw, { length_unit: this.unit.value, up_axis: this.axis.value });
+    recording.meant = { length_unit: this.unit.value, up_axis: this.axis.value };
+    recording.tracks = grounded(recording.raw, recording.meant);
     const sides = extent(/** @type {Float64Array} */ (recording.tracks.get(recording.hand)));
     this.reach.textContent = `So the hand moves within ${sides.map((side) => side.toFixed(2)).join(' × ')} m (the last is the height).`;
     this.dispatchEvent(new Event(kind === 'open' ? 'open' : 'change'));

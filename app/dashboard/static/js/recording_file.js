@@ -4,7 +4,7 @@ import { ask, at } from './api.js';
 import { GROUND, flat } from './recording.js';
 
 /** @typedef {import('./recording.js').Recording} Recording */
-/** @typedef {Recording & {raw: Map<string, Float64Array>, geometry: import('./recording.js').Geometry | null}} Opened */
+/** @typedef {Recording & {raw: Map<string, Float64Array>, geometry: import('./recording.js').Geometry | null, meant?: import('./recording.js').Geometry}} Opened geometry: as the file says, meant: as the user does */
 
 /** What is wrong with a file. */
 export class Unreadable extends Error {}

@@ -12,15 +12,22 @@ import { RecordingScene } from './recording_scene.js';
 import { openStage } from './stage.js';
 import { Timeline } from './timeline.js';
 
+/** What was open when the view was left. @type {import('./recording_file.js').Opened | null} */
+let left = null;
+
 /** @type {import('./page.js').Show} */
 export function showRecordings(host, query) {
   const view = new RecordingsView(host);
   view.choice.load(query.get('model'), query.get('version'));
   view.opening.loadSessions(query.get('session'));
+  if (left && !query.get('session')) view.opening.restore(left);
   return { leave: () => view.leave(), keys: view.keys() };
 }
 
 class RecordingsView {
+  /** Labels that are kept nowhere else would be lost. @param {Event} event */
+  warn = (event) => this.labels.unsaved && event.preventDefault();
+
   /** @param {HTMLElement} host */
   constructor(host) {
     this.choice = new ModelChoice();
@@ -40,6 +47,8 @@ class RecordingsView {
   }
 
   leave() {
+    left = this.opening.recording && { ...this.opening.recording, labels: this.labels.all };
+    removeEventListener('beforeunload', this.warn);
     this.player.pause();
     this.labelling.leave();
     this.chart.dispose();
@@ -65,6 +74,7 @@ class RecordingsView {
   }
 
   #connect() {
+    addEventListener('beforeunload', this.warn);
     this.opening.addEventListener('open', () => this.#open());
     this.opening.addEventListener('change', () => this.#lay());
     this.player.addEventListener('time', () => this.#point());

@@ -45,9 +45,9 @@ export class Strip {
 
   /** @param {LiveModel} model @param {(time: number) => number} x */
   #open(model, x) {
-    const guess = model.guess;
-    if (!guess || !model.hypothesis || guess.action === 'rest') return;
-    this.#block(x(model.timeOf(model.hypothesis.start_seq)), x(model.now), guess.action, false);
+    for (const { action, start_seq: start, through_seq: through } of model.pending) {
+      this.#block(x(model.timeOf(start)), x(model.timeOf(through)), action, false);
+    }
   }
 
   /** @param {number} left @param {number} right @param {string | null} action @param {boolean} final */
