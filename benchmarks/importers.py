@@ -28,9 +28,9 @@ DOCUMENTS = (".md", ".txt")
 
 INTRODUCTION = f"""\
 Formats that are read: {", ".join(format_.title for format_ in FORMATS)}. Each sample was read by a process of
-its own, as an upload is. *Declared*: what had to be said of it, as the file does not: the length unit, the axis
-that is up. *Gaps*: frames in which a track is missing, of all tracks together. *Proposed*: what `gesta inspect`
-takes for the hand, and for objects."""
+its own, as an upload is. *Declared*: what had to be said of it, as the file does not: the length unit, the
+axis that is up. *Gaps*: frames in which a track is missing, of all tracks together. *Proposed*: what
+`gesta inspect` takes for the hand, and for objects."""
 
 COLUMNS = ("sample", "format", "declared", "proposed", "notes, or why it is refused")
 FIGURES = ("tracks", "frames", "rate [Hz]", "gaps", "time [s]")
