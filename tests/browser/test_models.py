@@ -20,6 +20,7 @@ def test_versions_are_compared_and_one_is_promoted(open_page: OpenPage, gesta: G
     for number in (1, 2):
         card = page.get_by_label(f"Version {number}", exact=True)
         told = gesta.version("table-top", number)["evaluation"]
+        assert told is not None
         assert card.locator(".big").inner_text() == f"{100 * told['accuracy']:.1f} %"
         assert card.locator(".confusion tbody tr").count() == len(told["confusion"])
     page.get_by_label("version 1 as B").check()

@@ -55,7 +55,8 @@ export class JobBar {
     this.element.hidden = false;
     this.cancel.hidden = OVER.includes(job.state);
     this.bar.value = job.state === 'succeeded' ? 1 : job.progress.total ? job.progress.done / job.progress.total : 0;
-    this.text.textContent = job.state === 'queued' ? 'waiting for a worker' : job.progress.message || job.state;
+    const words = { queued: 'waiting for a worker', succeeded: 'done', failed: 'failed', cancelled: 'cancelled' };
+    this.text.textContent = words[/** @type {keyof typeof words} */ (job.state)] || job.progress.message || job.state;
     this.element.dataset.state = job.state;
   }
 

@@ -26,7 +26,7 @@ class ModelsView {
     this.pair = { a: undefined, b: undefined };
     this.list = h('ul.choices', { 'aria-label': 'Models' });
     this.trouble = h('div');
-    this.title = h('h1.big', {}, 'Models');
+    this.title = h('h2.big', {}, 'Models');
     this.about = h('p.soft');
     this.rows = h('tbody');
     this.table = h('section.panel', {}, h('header', {}, h('h2', {}, 'Versions')), this.#head());
@@ -81,7 +81,7 @@ class ModelsView {
   }
 
   #head() {
-    const heads = ['A', 'B', word('version', 'version'), word('alias', 'aliases'), word('accuracy'), 'demonstrations', 'trained', ''];
+    const heads = ['A', 'B', word('version', 'version'), word('alias', 'aliases'), word('accuracy'), 'demonstrations', 'trained', h('span.unseen', {}, 'promote')];
     return h('div.scroll', {}, h('table', {}, h('thead', {}, h('tr', {}, heads.map((head) => h('th', { scope: 'col' }, head)))), this.rows));
   }
 
@@ -100,7 +100,7 @@ class ModelsView {
     const { a, b } = this.pair;
     const pick = (/** @type {'a' | 'b'} */ side, /** @type {any} */ now) => h('input', { type: 'radio', name: `side-${side}`, checked: now === version, 'aria-label': `version ${version.version} as ${side.toUpperCase()}`, onchange: () => ((this.pair[side] = version), this.#compare()) });
     const promoted = version.aliases.includes('production');
-    const promote = button(promoted ? 'in production' : 'Promote', () => this.#promote(version), { class: 'small', disabled: promoted, 'aria-label': `Promote version ${version.version} to production` });
+    const promote = button(promoted ? 'in production' : 'Promote', () => this.#promote(version), { class: 'small', disabled: promoted, 'aria-label': promoted ? undefined : `Promote version ${version.version} to production` });
     const cells = [pick('a', a), pick('b', b), `v${version.version}`, version.aliases.map((/** @type {string} */ alias) => h('span.badge', {}, alias)), percent(version.evaluation?.accuracy, 1), version.demonstrations.length, h('span', { title: moment(version.created_at) }, ago(version.created_at)), promote];
     return h('tr', {}, cells.map((cell) => h('td', {}, cell)));
   }

@@ -54,13 +54,13 @@ async function route() {
   const show = await load();
   if (turn !== wanted) return;
   current?.leave();
-  fill(host);
+  fill(host, h('h1.unseen', {}, title));
   host.dataset.view = name;
   try {
     current = show(host, new URLSearchParams(query));
   } catch (error) {
     current = null;
-    fill(host, emptyBox('This view could not be shown', String(error)));
+    fill(host, h('h1.unseen', {}, title), emptyBox('This view could not be shown', String(error)));
     throw error;
   }
   document.documentElement.dataset.ready = name;

@@ -13,11 +13,13 @@ export class RecordingScene {
   /**
    * @param {Stage} stage @param {Recording} recording
    * @param {() => {action: string | null, start: number, end: number}[]} segments that colour the path
+   * @param {() => {from: number, to: number}} look the time that is looked at: only its path is shown [s]
    */
-  constructor(stage, recording, segments) {
+  constructor(stage, recording, segments, look) {
     this.stage = stage;
     this.recording = recording;
     this.segments = segments;
+    this.look = look;
     this.path = new Trail(stage, MOST_POINTS, { width: 2.5 });
     const used = [...recording.tracks.keys()].filter((name) => name === recording.hand || name in recording.objects);
     this.markers = used.slice(0, 24).map((name) => this.#marker(name));
@@ -27,17 +29,18 @@ export class RecordingScene {
     this.paint();
   }
 
-  /** Give the path the colours of the segments. */
+  /** Draw the path that is looked at in the colours of its segments. */
   paint() {
     const { t, tracks, hand } = this.recording;
     const segments = [...this.segments()].sort((one, other) => one.start - other.start);
     const rest = linear('--rest');
     const colours = segments.map(({ action }) => linear(nameOf(action)));
+    const { from, to } = this.look();
     let number = 0;
     this.path.show(/** @type {Float64Array} */ (tracks.get(hand)), (at) => {
       while (number < segments.length && segments[number].end < t[at]) number += 1;
       return number < segments.length && segments[number].start <= t[at] ? colours[number] : rest;
-    });
+    }, frameAt(t, from), frameAt(t, to) + 1);
   }
 
   /** @param {number} time [s] */

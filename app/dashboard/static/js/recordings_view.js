@@ -90,6 +90,7 @@ class RecordingsView {
     const { t, labels, segments } = recording;
     this.player.pause();
     this.player.time = t[0];
+    this.window = { from: t[0], to: t[t.length - 1] };
     this.player.open(t[0], t[t.length - 1], 0.001);
     this.labels.open(t, labels);
     this.labelling.open(recording);
@@ -104,7 +105,7 @@ class RecordingsView {
     const { recording } = this.opening;
     if (!recording) return;
     this.scene?.remove();
-    this.scene = this.stage && new RecordingScene(this.stage, recording, () => (this.labels.all.length ? this.labels.all : known(recording)));
+    this.scene = this.stage && new RecordingScene(this.stage, recording, () => (this.labels.all.length ? this.labels.all : known(recording)), () => this.window);
     const hand = /** @type {Float64Array} */ (recording.tracks.get(recording.hand));
     this.chart.show(recording.t, [{ values: speeds(recording.t, hand), colour: '--accent', label: 'speed' }], [this.window.from, this.window.to]);
     this.#point();
@@ -115,6 +116,7 @@ class RecordingsView {
     this.window = { from, to };
     this.timeline.look(from, to);
     this.chart.look(from, to);
+    this.#paint();
     this.#point();
   }
 

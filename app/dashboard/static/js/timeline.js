@@ -38,7 +38,7 @@ export class Timeline {
   tell(blocks, title) {
     Object.assign(this, { blocks, title });
     this.saidName.textContent = title || 'model: nothing asked yet';
-    fill(this.said, blocks.map((block) => this.#block(block, () => this.onSeek(block.start))));
+    fill(this.said, blocks.filter((block) => this.#seen(block)).map((block) => this.#block(block, () => this.onSeek(block.start))));
   }
 
   /** @param {number} time [s] */
@@ -51,6 +51,11 @@ export class Timeline {
   /** @param {number} time */
   #share(time) {
     return (time - this.begin) / Math.max(this.end - this.begin, 1e-6);
+  }
+
+  /** Whether a block is in the time that is shown. @param {{start: number, end: number}} block */
+  #seen({ start, end }) {
+    return end >= this.begin && start <= this.end;
   }
 
   /** @param {number} clientX */
@@ -80,8 +85,9 @@ export class Timeline {
     if (this.dragging) return this.#moveTruth();
     const { all, chosen } = this.labels;
     const focused = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset.truth;
-    const blocks = all.map((label, number) => this.#block(label, () => this.labels.choose(number), { 'aria-pressed': String(number === chosen), data: { truth: `block-${number}` } }));
-    const boundaries = all.flatMap((_, number) => [this.#boundary(number, 'start'), this.#boundary(number, 'end')]);
+    const shown = [...all.keys()].filter((number) => this.#seen(all[number]));
+    const blocks = shown.map((number) => this.#block(all[number], () => this.labels.choose(number), { 'aria-pressed': String(number === chosen), data: { truth: `block-${number}` } }));
+    const boundaries = shown.flatMap((number) => [this.#boundary(number, 'start'), this.#boundary(number, 'end')]);
     fill(this.truth, blocks, boundaries);
     if (focused) this.truth.querySelector(`[data-truth="${focused}"]`)?.focus();
     return undefined;
@@ -92,6 +98,7 @@ export class Timeline {
     this.labels.all.forEach((label, number) => {
       const [left, right] = [this.#share(label.start), this.#share(label.end)];
       const block = this.truth.querySelector(`[data-truth="block-${number}"]`);
+      if (!block) return;
       Object.assign(block.style, { left: `${100 * left}%`, width: `${100 * (right - left)}%` });
       for (const side of /** @type {('start' | 'end')[]} */ (['start', 'end'])) {
         const boundary = this.truth.querySelector(`[data-truth="${side}-${number}"]`);
