@@ -30,6 +30,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from app.client import ApiError, GestaClient, GestaError, Message, Stream, trajectory
+from app.client.answers import Generated
 from app.motion.evaluation import TOLERANCE, evaluate
 from app.motion.resampling import smooth
 from app.motion.simulation import GRIP, demonstrations, recording
@@ -273,7 +274,7 @@ def _generate(client: GestaClient, taught: Sequence[Demonstration], folder: Path
     return picture
 
 
-def _draw(motion: Message, alike: Sequence[Trajectory], picture: Path) -> None:
+def _draw(motion: Generated, alike: Sequence[Trajectory], picture: Path) -> None:
     """Draw a generated movement before the demonstrations it was learned from."""
     figure = import_module("matplotlib.figure").Figure(figsize=(12, 6), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1.0))
@@ -286,7 +287,7 @@ def _draw(motion: Message, alike: Sequence[Trajectory], picture: Path) -> None:
     figure.savefig(picture, dpi=130)
 
 
-def _draw_path(axes: Any, motion: Message, alike: Sequence[Trajectory]) -> None:
+def _draw_path(axes: Any, motion: Generated, alike: Sequence[Trajectory]) -> None:
     for shown in alike:
         axes.plot(*shown.hand.T, color="0.6", linewidth=0.7, alpha=0.5)
     path = np.array(motion["position"])
@@ -300,7 +301,7 @@ def _draw_path(axes: Any, motion: Message, alike: Sequence[Trajectory]) -> None:
     axes.legend(loc="upper left", frameon=False)
 
 
-def _draw_profiles(speeds: Any, heights: Any, motion: Message, alike: Sequence[Trajectory]) -> None:
+def _draw_profiles(speeds: Any, heights: Any, motion: Generated, alike: Sequence[Trajectory]) -> None:
     for shown in alike:
         clean = smooth(shown)
         since = clean.times - clean.times[0]

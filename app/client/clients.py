@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from types import TracebackType
 from typing import Any, Self
 
 import httpx
 
 from app.client.errors import ApiError, JobFailed
-from app.client.rest import Rest, page_path, session_events_path
+from app.client.requests import Request, page_path, session_events_path
+from app.client.rest import Asyncio, Plain
 from app.client.server_events import EventLines, Listening, ServerEvent
 from app.client.stream import AsyncStream, Stream
 from app.client.wire import Message
@@ -51,7 +52,7 @@ class Waiting:
         return refused or now - self._heard_at > self._patience
 
 
-class GestaClient(Rest[Message]):
+class GestaClient(Plain):
     """A Gesta server at ``url``; every method raises ApiError where the server refuses."""
 
     def __init__(self, url: str = "http://127.0.0.1:8000") -> None:
@@ -84,7 +85,7 @@ class GestaClient(Rest[Message]):
         """Yield every item of a paged list: ``field`` of the answers of ``/v1{path}``."""
         token = None
         while True:
-            page = self._message("GET", page_path(path, token))
+            page = self.request("GET", page_path(path, token))
             yield from page[field]
             if (token := page.get("next_page_token")) is None:
                 return
@@ -139,11 +140,9 @@ class GestaClient(Rest[Message]):
         """Return a stream to enter by ``with``; start: the arguments of ``Stream``."""
         return Stream(self.url, model, **start)
 
-    def _message(
-        self, method: str, path: str, body: Any = None, headers: Mapping[str, str] | None = None
-    ) -> Message:
-        answer: Message = self.request(method, path, body, headers)
-        return answer
+    def ask(self, request: Request) -> Any:
+        """Send a request and return its answer: see ``request``."""
+        return self.request(*request)
 
     def _events(self, path: str, headers: Mapping[str, str]) -> Iterator[ServerEvent]:
         with self._http.stream("GET", f"/v1{path}", headers=dict(headers)) as response:
@@ -156,7 +155,7 @@ class GestaClient(Rest[Message]):
                     yield event
 
 
-class AsyncGestaClient(Rest[Coroutine[Any, Any, Message]]):
+class AsyncGestaClient(Asyncio):
     """The same for asyncio: what returns an answer there returns a coroutine of it here."""
 
     def __init__(self, url: str = "http://127.0.0.1:8000") -> None:
@@ -189,7 +188,7 @@ class AsyncGestaClient(Rest[Coroutine[Any, Any, Message]]):
         """Yield every item of a paged list: ``field`` of the answers of ``/v1{path}``."""
         token = None
         while True:
-            page = await self._message("GET", page_path(path, token))
+            page = await self.request("GET", page_path(path, token))
             for item in page[field]:
                 yield item
             if (token := page.get("next_page_token")) is None:
@@ -240,11 +239,9 @@ class AsyncGestaClient(Rest[Coroutine[Any, Any, Message]]):
         """Return a stream to enter by ``async with``; start: the arguments of ``AsyncStream``."""
         return AsyncStream(self.url, model, **start)
 
-    async def _message(
-        self, method: str, path: str, body: Any = None, headers: Mapping[str, str] | None = None
-    ) -> Message:
-        answer: Message = await self.request(method, path, body, headers)
-        return answer
+    async def ask(self, request: Request) -> Any:
+        """Send a request and return its answer: see ``request``."""
+        return await self.request(*request)
 
     async def _events(self, path: str, headers: Mapping[str, str]) -> AsyncIterator[ServerEvent]:
         async with self._http.stream("GET", f"/v1{path}", headers=dict(headers)) as response:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,6 +72,6 @@ class Listening:
         """Whether nothing has been heard for too long."""
         return now - self._heard_at > self._patience
 
-    def over(self, session: dict[str, Any]) -> bool:
+    def over(self, session: Mapping[str, Any]) -> bool:
         """Whether nothing more can come from a session."""
         return session["state"] != "active" and int(session["events"]) <= self.last + 1

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from app.client import GestaClient, Message
+from app.client.answers import Generated
 from app.commands.asking import URL, Model, Url, Version, asking, number_of
 from app.commands.terminal import AsJson, failure, show_json, show_table, tell
 
@@ -90,7 +91,7 @@ def generate(
     _tell_feasibility(motion)
 
 
-def _in_form(client: GestaClient, motion: Message, body: Message, output: Path) -> bytes:
+def _in_form(client: GestaClient, motion: Generated, body: Message, output: Path) -> bytes:
     """Return the movement in the form of a file; it is the same whatever form is asked for."""
     form = FORMS[output.suffix.lower()]
     if form == FORMS[".json"]:
@@ -100,7 +101,7 @@ def _in_form(client: GestaClient, motion: Message, body: Message, output: Path) 
     return content.encode() if isinstance(content, str) else bytes(content)
 
 
-def _show(motion: Message) -> None:
+def _show(motion: Generated) -> None:
     last = len(motion["t"]) - 1
     rows = []
     for at in sorted({round(last * row / (N_ROWS - 1)) for row in range(N_ROWS)}):
@@ -110,7 +111,7 @@ def _show(motion: Message) -> None:
     show_table(("t [s]", "x [m]", "y [m]", "z [m]", "speed [m/s]"), *rows, title=title)
 
 
-def _tell_feasibility(motion: Message) -> None:
+def _tell_feasibility(motion: Generated) -> None:
     """Tell warnings and violations; raise the end of the command where there are any of these."""
     found = motion["feasibility"]
     for warning in found["warnings"]:

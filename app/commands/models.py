@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import typer
 
@@ -26,8 +27,8 @@ def models(
             show_json(model) if as_json else _show_one(model)
 
 
-def _with_versions(client: GestaClient, model: Message) -> Message:
-    return model | {"versions": list(client.pages(f"/models/{model['name']}/versions", "versions"))}
+def _with_versions(client: GestaClient, model: Mapping[str, Any]) -> Message:
+    return {**model, "versions": list(client.pages(f"/models/{model['name']}/versions", "versions"))}
 
 
 def _show_all(told: list[Message]) -> None:

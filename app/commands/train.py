@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from app.client import ApiError, GestaClient, Message
+from app.client import ApiError, GestaClient
+from app.client.answers import Version
 from app.commands.archive import recordings
 from app.commands.asking import URL, Model, Url, asking
 from app.commands.recordings import ActionNames, LabelsFile, MappingFile, Reading, Recorded, Unit, Up
@@ -75,7 +76,7 @@ def _upload(client: GestaClient, model: str, path: Path, recorded: Recorded) -> 
     tell(f"{path}: {len(added['created'])} demonstrations{known}")
 
 
-def _show(version: Message) -> None:
+def _show(version: Version) -> None:
     aliases = "".join(f", {alias}" for alias in version["aliases"])
     show(f"version {version['version']} of {version['model']}{aliases}")
     found = version["evaluation"]

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from app.client import ApiError, AsyncGestaClient, GestaClient, trajectory
+from app.client.answers import Demonstration, Learned
 from app.motion.simulation import recording
 from app.motion.trajectory import Floats
 from app.registry import sessions
@@ -63,7 +64,7 @@ def past(
     return made.id
 
 
-def learned(client: GestaClient, answer: Message) -> Message:
+def learned(client: GestaClient, answer: Learned) -> Demonstration:
     """Return the demonstration that was made."""
     [id_] = answer["created"]
     return client.demonstration(answer["model"], id_)
@@ -155,7 +156,7 @@ class TestDemonstration:
         assert other != first
 
     def test_can_be_learned_by_asyncio_too(self, server: Server, model: str) -> None:
-        async def run() -> Message:
+        async def run() -> Learned:
             async with AsyncGestaClient(server.url) as client:
                 session_id = past(server, model, {"object": THING}, BY_NAME)
                 return await client.learn(session_id, 0, "grasp", start_seq=SPAN[0] + 1, end_seq=SPAN[1])
@@ -263,4 +264,5 @@ def test_a_version_learns_from_what_the_last_one_recognised(
     assert made["actions"] == ["displace", "grasp", "push", "retract", "wave"]
     shown = client.demonstration(model, live["created"][0])
     span = slice(segment["start_seq"], segment["end_seq"] + 1)
-    np.testing.assert_allclose(shown["trajectory"]["hand"], MOTION.hand[span], atol=1e-12)
+    hand = np.array(shown["trajectory"]["hand"], dtype=np.float64)
+    np.testing.assert_allclose(hand, MOTION.hand[span], atol=1e-12)

@@ -55,6 +55,7 @@ def test_a_version_says_all_it_was_made_of(
     assert version["options"]["deviation_floor"] == 0.015
     assert version["seed"] == 5
     assert version["job_id"] == job["id"]
+    assert version["evaluation"] is not None
     assert version["evaluation"]["n"] == len(shown)
     assert version["evaluation"]["accuracy"] >= 0.8
     assert {"numpy", "numba", "gesta"} <= version["library_versions"].keys()

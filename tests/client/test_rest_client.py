@@ -10,7 +10,8 @@ import httpx
 import pytest
 
 from app.client import ApiError, AsyncGestaClient, GestaClient, JobFailed, trajectory
-from app.client.rest import page_path
+from app.client.answers import Recording
+from app.client.requests import page_path
 from app.client.server_events import EventLines, Listening, ServerEvent
 from app.motion.model import Model
 from app.motion.simulation import recording
@@ -162,7 +163,7 @@ def succeed(server: Server, job_id: str) -> None:
 
 class TestAsyncClient:
     def test_asks_the_same(self, server: Server, table_top: str, trained: Model) -> None:
-        async def run() -> tuple[str, list[Message], Message]:
+        async def run() -> tuple[str, list[Message], Recording]:
             async with AsyncGestaClient(server.url) as client:
                 async with client.stream(table_top, name="async") as stream:
                     session_id = stream.state.started["session_id"]
