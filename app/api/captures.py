@@ -93,7 +93,7 @@ class CaptureTold(Answer):
 @router.post(
     "/captures",
     summary="Look into a motion-capture file",
-    responses=refusals(400, 413),
+    responses=refusals(400, 413, 503),
     dependencies=[_takes(*FILE)],
 )
 def look(file: UploadFile, length_unit: Unit = None, up_axis: Up = None) -> CaptureTold:

@@ -32,6 +32,7 @@ TABLE: tuple[tuple[type[Exception], int, str], ...] = (
     (registry.ArtifactAltered, 503, "artifact_altered"),
     (service.ContentRefused, 422, "content_refused"),
     (service.NothingToTrain, 409, "nothing_to_train"),
+    (service.ReadersBusy, 503, "readers_busy"),
     (service.RecordingGone, 410, "recording_gone"),
     (service.FramesNotDurable, 409, "frames_not_durable"),
     (session_errors.WriteFailed, 503, "write_failed"),

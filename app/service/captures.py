@@ -7,10 +7,11 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import BoundedSemaphore
 from typing import Any
 
 from app.formats import mapping as tracks
-from app.formats.capture import Declared, Label, LengthUnit, UpAxis
+from app.formats.capture import Capture, Declared, Label, LengthUnit, UpAxis
 from app.formats.errors import FormatError, InvalidLabels, InvalidMapping, UndeclaredGeometry
 from app.formats.isolation import read_content_apart
 from app.formats.labels import read_labels, renamed, segments
@@ -18,9 +19,14 @@ from app.formats.proposal import propose
 from app.motion.errors import InvalidSegment, InvalidTrajectory
 from app.motion.trajectory import Recording, Scene
 from app.registry.records import Added
-from app.service.errors import ContentRefused, Issue
+from app.service.errors import ContentRefused, Issue, ReadersBusy
 from app.service.lab import Lab
 from app.service.uploads import Position, ground, keep_recording, rows_of
+
+AT_A_TIME, PATIENCE_S = 2, 5.0
+"""Files that are read at a time, each with memory of its own; how long another waits for its turn [s]."""
+
+_turns = BoundedSemaphore(AT_A_TIME)
 
 
 @dataclass(frozen=True)
@@ -52,9 +58,9 @@ def declared(length_unit: LengthUnit | None, up_axis: UpAxis | None) -> Declared
 
 
 def look(sent: SentFile) -> Captured:
-    """Return what is in a file, and what its names suggest. Raises ContentRefused."""
+    """Return what is in a file, and what its names suggest. Raises ContentRefused, ReadersBusy."""
     with _refusing():
-        capture = read_content_apart(sent.content, sent.name, sent.declared)
+        capture = _read(sent)
     try:
         mapping, reasons = propose(capture)
         proposal = mapping.as_json()
@@ -86,11 +92,11 @@ class SentLabels:
 def add(lab: Lab, model: str, sent: SentFile, shown: SentLabels, scene: Scene | None) -> Added:
     """Add the labelled segments of a file, all or none, and keep the recording they are from.
 
-    Raises NotFound, ContentRefused.
+    Raises NotFound, ContentRefused, ReadersBusy.
     """
     specification, chosen = ground(lab, model, scene)
     with _refusing():
-        capture = read_content_apart(sent.content, sent.name, sent.declared)
+        capture = _read(sent)
         trajectory = tracks.trajectory(capture, tracks.TrackMapping.of(_parsed(shown.mapping)))
         labels = capture.labels if shown.labels is None else read_labels(shown.labels, capture)
         found = segments(labels if shown.actions is None else _named(labels, shown.actions), trajectory)
@@ -99,6 +105,15 @@ def add(lab: Lab, model: str, sent: SentFile, shown: SentLabels, scene: Scene | 
         raise ContentRefused([Issue("/segments", "invalid_labels", "there are no labels to learn from")])
     pointers = [f"/segments/{index}" for index in range(len(found))]
     return keep_recording(lab, model, recording, specification, pointers)
+
+
+def _read(sent: SentFile) -> Capture:
+    if not _turns.acquire(timeout=PATIENCE_S):
+        raise ReadersBusy
+    try:
+        return read_content_apart(sent.content, sent.name, sent.declared)
+    finally:
+        _turns.release()
 
 
 def _named(labels: Sequence[Label], actions: str) -> Sequence[Label]:

@@ -5,6 +5,7 @@
     ServiceError
     ├── ContentRefused      an upload that is no motion; names every place and what is wrong there
     ├── NothingToTrain      a training without demonstrations
+    ├── ReadersBusy         more files to read at a time than the server has memory for
     ├── JobCancelled        the job was asked to end
     ├── RecordingGone       the frames of a session are no longer kept
     └── FramesNotDurable    frames of a session that has not come, or not been written, so far
@@ -44,6 +45,13 @@ class NothingToTrain(ServiceError):
 
     def __init__(self, model: str) -> None:
         super().__init__(f"model {model!r} has no demonstrations to train on; upload some first")
+
+
+class ReadersBusy(ServiceError):
+    """More files to read at a time than the server has memory for."""
+
+    def __init__(self) -> None:
+        super().__init__("the server reads as many files as it can; come back in a moment")
 
 
 class JobCancelled(ServiceError):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from threading import BoundedSemaphore
 from typing import Any
 
 import httpx
@@ -12,8 +13,11 @@ import numpy as np
 import pytest
 
 from app.client import GestaClient
+from app.formats.capture import Declared
 from app.motion.simulation import recording
 from app.motion.trajectory import Recording
+from app.service import captures
+from app.service.errors import ReadersBusy
 from tests.takes import qtm_tsv
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
@@ -174,3 +178,14 @@ def test_a_person_teaches_by_the_files_of_their_lab(
     assert client.request("GET", f"/models/{model}/demonstrations")["actions"] == dict.fromkeys(
         sorted(actions.values()), 1
     )
+
+
+def test_more_files_than_there_is_room_for_wait_for_their_turn_or_are_sent_away(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(captures, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(captures, "_turns", BoundedSemaphore(1))
+    sent = captures.SentFile(b"t,hand.x,hand.y,hand.z\n0,0,0,0\n", "a.csv", Declared("m", "z"))
+    with captures._turns, pytest.raises(ReadersBusy):
+        captures.look(sent)
+    assert captures.look(sent).times == [0.0]

@@ -38,7 +38,7 @@ export class LiveScene {
     const { model, stage } = this;
     this.#layOut();
     const from = Math.max(0, model.n - SHOWN);
-    const n = round(model.hand, from, model.n, this.rounded);
+    if (location.search === '?t') { this.trail.line.visible = false; } else {} const n = round(model.hand, from, model.n, this.rounded);
     this.trail.show(this.rounded, (at) => this.#faded(model.actionAt(from + Math.floor(at / PARTS)), 1 - (n - at) / PARTS / SHOWN), 0, n);
     const goal = model.hypothesis?.goals?.[0];
     for (const [name, place] of model.objects) {

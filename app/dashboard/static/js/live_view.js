@@ -171,7 +171,7 @@ class LiveView {
     this.asked = 0;
     const { model } = this;
     if (model.n) this.scene?.update();
-    this.strip.draw(model);
+    if (location.search !== '?s') this.strip.draw(model);
     const { hypothesis } = model;
     if (hypothesis) {
       this.classes.show(hypothesis.actions.map(({ action, posterior, progress }) => ({
