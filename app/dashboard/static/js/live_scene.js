@@ -8,8 +8,8 @@ import { Marker, Trail, linear } from './things.js';
 /** @typedef {import('./live_model.js').LiveModel} LiveModel */
 
 const GLIDE_S = 0.035;
-/** Frames of the trail, thirteen seconds; the older, the paler. */
-const SHOWN = 260;
+/** Frames of the trail, eleven seconds; the older, the paler. */
+const SHOWN = 220;
 
 export class LiveScene {
   /** @param {Stage} stage @param {LiveModel} model @param {any} session */

@@ -1,7 +1,7 @@
 /** A path through points that come twenty times a second, rounded as the hand went (Catmull-Rom). */
 
 /** Into so many pieces the way from one point to the next is cut. */
-export const PARTS = 3;
+export const PARTS = 2;
 
 /**
  * Write the rounded path of points `from` to `to` and return how many points it has.

@@ -14,7 +14,7 @@ export class Strip {
   constructor() {
     this.canvas = h('canvas.strip-canvas', { role: 'img', 'aria-label': 'The segments of the last 20 seconds; the list tells them in words' });
     this.element = h('div.strip', {}, this.canvas);
-    this.brush = this.canvas.getContext('2d');
+    this.brush = this.canvas.getContext('2d', { alpha: false });
     this.fastest = FASTEST;
     this.size = new ResizeObserver(() => this.#resize());
     this.size.observe(this.element);
@@ -25,7 +25,8 @@ export class Strip {
     const { brush, width, height } = this;
     if (!width) return;
     brush.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-    brush.clearRect(0, 0, width, height);
+    brush.fillStyle = colour('--panel');
+    brush.fillRect(0, 0, width, height);
     brush.font = `12px ${this.font}`;
     brush.textBaseline = 'middle';
     const now = model.now;
@@ -96,7 +97,7 @@ export class Strip {
     brush.strokeStyle = colour('--soft');
     brush.lineWidth = 1.5;
     brush.beginPath();
-    for (let at = 0; at < model.n; at += 1) {
+    for (let at = model.n % 2; at < model.n; at += 2) {
       const speed = Number.isNaN(model.speeds[at]) ? 0 : model.speeds[at];
       brush.lineTo(x(model.times[at]), base - (Math.min(speed, this.fastest) / this.fastest) * tall);
     }

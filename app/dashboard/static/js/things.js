@@ -50,6 +50,8 @@ export class Marker {
   }
 }
 
+const LEAST = 0.002;
+
 /** A line along a path, as wide on the screen wherever it is; each of its points has a colour. */
 export class Trail {
   /** @param {Stage} stage @param {number} capacity most points @param {{width?: number, opacity?: number}} [look] */
@@ -72,19 +74,24 @@ export class Trail {
   }
 
   /**
-   * Show points `from` to `to`; a NaN interrupts the line.
+   * Show points `from` to `to`; a NaN interrupts the line, what lies closer than LEAST is one point.
    * @param {ArrayLike<number>} points flat positions
    * @param {(at: number) => [number, number, number]} colourAt of a point, red, green and blue in 0..1
    */
   show(points, colourAt, from = 0, to = points.length / 3) {
     const step = Math.max(1, Math.ceil((to - from) / this.capacity));
     let n = 0;
-    for (let at = from; at + step < to; at += step) {
-      const [a, b] = [3 * at, 3 * (at + step)];
-      if (Number.isNaN(points[a]) || Number.isNaN(points[b])) continue;
-      const [red, green, blue] = colourAt(at);
+    let a = 3 * from;
+    for (let at = from + step; at < to; at += step) {
+      const b = 3 * at;
+      const far = Math.hypot(points[b] - points[a], points[b + 1] - points[a + 1], points[b + 2] - points[a + 2]);
+      if (far < LEAST) continue;
+      const [red, green, blue] = colourAt(at - step);
+      const before = a;
+      a = b;
+      if (Number.isNaN(far)) continue;
       for (let axis = 0; axis < 3; axis += 1) {
-        this.places[6 * n + axis] = points[a + axis];
+        this.places[6 * n + axis] = points[before + axis];
         this.places[6 * n + 3 + axis] = points[b + axis];
       }
       this.colours.set([red, green, blue, red, green, blue], 6 * n);
