@@ -15,7 +15,8 @@
  * @property {string[]} notes
  */
 
-const METRES = { m: 1, cm: 0.01, mm: 0.001 };
+/** Divided by, as the server does: the numbers become the same ones. */
+const PER_METRE = { m: 1, cm: 100, mm: 1000 };
 export const GROUND = { length_unit: 'm', up_axis: 'z' };
 
 /**
@@ -24,7 +25,7 @@ export const GROUND = { length_unit: 'm', up_axis: 'z' };
  * @param {Geometry} geometry
  */
 export function grounded(tracks, { length_unit: unit, up_axis: up }) {
-  const scale = METRES[/** @type {keyof typeof METRES} */ (unit)];
+  const scale = PER_METRE[/** @type {keyof typeof PER_METRE} */ (unit)];
   if (scale === 1 && up === 'z') return tracks;
   return new Map([...tracks].map(([name, track]) => [name, turned(track, scale, up === 'y')]));
 }
@@ -33,7 +34,7 @@ export function grounded(tracks, { length_unit: unit, up_axis: up }) {
 function turned(track, scale, yUp) {
   const result = new Float64Array(track.length);
   for (let at = 0; at < track.length; at += 3) {
-    const [x, y, z] = [track[at] * scale, track[at + 1] * scale, track[at + 2] * scale];
+    const [x, y, z] = [track[at] / scale, track[at + 1] / scale, track[at + 2] / scale];
     result[at] = x;
     result[at + 1] = yUp ? -z : y;
     result[at + 2] = yUp ? y : z;
