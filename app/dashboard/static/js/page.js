@@ -27,7 +27,7 @@ const HELP = [
     ['arrow keys, + and −', 'turn, nearer, farther, once the scene has the focus'], ['F', 'see everything']]],
   ['Recordings', [['Space', 'play, pause'], ['← →', 'one frame; with Shift, ten'], ['Home, End', 'to the beginning, to the end'],
     ['N', 'new segment at the playhead'], ['[ and ]', 'let the chosen segment start, end at the playhead'],
-    ['Delete', 'remove the chosen segment'], ['← → on a boundary', 'move it by a frame; with Shift, by ten']]],
+    ['Delete, Z', 'remove the chosen segment; undo'], ['+ −', 'see less, more time around the playhead'], ['← → on a boundary', 'move it by a frame; with Shift, by ten']]],
   ['Generate', [['Space', 'play, pause'], ['S, G', 'clicks in the scene place the start, the goal']]],
 ];
 

@@ -9,6 +9,8 @@ import * as THREE from './three.js';
 const KEYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const TURN = Math.PI / 36;
 const STILL_MS = 300;
+/** Labels nearer to the right edge stand to the left of their place. */
+const ROOM_PX = 120;
 const NOTHING = { min: [-0.4, -0.1, 0], max: [0.4, 0.6, 0.3] };
 
 /**
@@ -97,7 +99,7 @@ export class Stage {
     const { min, max } = this.bounds;
     const middle = [0, 1, 2].map((axis) => (min[axis] + max[axis]) / 2);
     const size = Math.hypot(...[0, 1, 2].map((axis) => max[axis] - min[axis]));
-    const narrow = Math.min(1, this.camera.aspect * 0.9);
+    const narrow = Math.min(1, this.camera.aspect * 0.82);
     const far = (Math.max(size, 0.35) * 1.5) / narrow;
     this.controls.target.set(middle[0], middle[1], middle[2]);
     this.camera.position.set(middle[0] + far * 0.34, middle[1] - far * 0.78, middle[2] + far * 0.52);
@@ -269,7 +271,9 @@ export class Stage {
       const spot = at.getWorldPosition(new THREE.Vector3()).project(this.camera);
       const hidden = off() || Math.abs(spot.x) > 1 || Math.abs(spot.y) > 1 || spot.z > 1;
       element.style.visibility = hidden ? 'hidden' : 'visible';
-      element.style.transform = `translate(${((spot.x + 1) * width) / 2}px, ${((1 - spot.y) * height) / 2}px)`;
+      const [x, y] = [((spot.x + 1) * width) / 2, ((1 - spot.y) * height) / 2];
+      const left = x > width - ROOM_PX ? ' translateX(calc(-100% - 22px))' : '';
+      element.style.transform = `translate(${x}px, ${y}px)${left}`;
     }
   }
 }
