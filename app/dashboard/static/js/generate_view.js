@@ -18,7 +18,8 @@ import { emptyBox, problemBox, word } from './words.js';
 const PATIENCE_MS = 120;
 /** @type {[string, string][]} */
 const LEGEND = [['generated', '--accent'], ['demonstrations', '--rest'], ['limit', '--bad']];
-const FORMS = [['CSV', 'text/csv', 'csv'], ['JSON', 'application/json', 'json'], ['MCAP', 'application/vnd.mcap', 'mcap']];
+const FORMS = [['CSV', 'text/csv', 'csv'], ['JSON', 'application/json', 'json'], ['MCAP', 'application/vnd.mcap', 'mcap'],
+  ['ROS path', 'application/json;profile="nav_msgs/Path"', 'path.json'], ['ROS trajectory', 'application/json;profile="trajectory_msgs/MultiDOFJointTrajectory"', 'trajectory.json']];
 
 /** @type {import('./page.js').Show} */
 export function showGenerate(host, query) {
@@ -93,7 +94,7 @@ class GenerateView {
     const { version } = this.choice;
     offer(this.action, version?.actions || [], this.action.value);
     if (version) return this.#begin();
-    return fill(this.told, emptyBox('Nothing to generate with', 'A trained version is needed: train one under Models, or see what the demo makes.', ['gesta demo']));
+    return fill(this.told, emptyBox('Nothing to generate with', 'A trained version is needed: train one under Models, from demonstrations that you save under Recordings.'));
   }
 
   /** Begin with an action: its demonstrations, and ends like theirs. */

@@ -91,8 +91,8 @@ class LiveView {
   /** @param {any[]} sessions */
   #list(sessions) {
     if (this.left.signal.aborted) return;
-    const empty = emptyBox('Nobody is streaming', 'Sessions appear here by themselves. To see one, run the demo against a server of its own, or stream from Python:',
-      ['gesta demo', 'with gesta.stream("table-top") as stream:\n    stream.send(t, hand, objects)']);
+    const empty = emptyBox('Nobody is streaming', 'Sessions appear here by themselves, whoever streams. To see one, stream a recording as if it happened now; without a model yet, `gesta demo` shows the whole line and leaves one behind.',
+      [`gesta replay recording.csv --model table-top --url ${location.origin}`, 'gesta demo']);
     fill(this.none, sessions.length === 0 && empty);
     const focused = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset.session;
     fill(this.sessions, sessions.map((session) => h('li', {}, this.#choice(session))));

@@ -57,13 +57,25 @@ export class ModelChoice extends EventTarget {
 
   /** @param {unknown} [preferred] */
   async #open(preferred) {
-    fill(this.trouble);
-    this.versions = this.model ? await all(at('models', this.model.name, 'versions'), 'versions', 100) : [];
+    try {
+      this.versions = this.model ? await all(at('models', this.model.name, 'versions'), 'versions', 100) : [];
+      fill(this.trouble, this.#missing());
+    } catch (error) {
+      this.versions = [];
+      fill(this.trouble, problemBox(error));
+    }
     for (const version of this.versions.toReversed()) meet(version.actions);
     const promoted = this.versions.find((each) => each.aliases.includes('production')) || this.versions[0];
     const chosen = typeof preferred === 'string' ? preferred : String(promoted?.version ?? '');
     offer(this.numbers, this.versions.map((each) => [String(each.version), [each.version, ...each.aliases].join(' · ')]), chosen);
     this.#tell();
+  }
+
+  /** What has to be done before there is something to choose. */
+  #missing() {
+    if (this.versions.length) return null;
+    const link = h('a', { href: '#/models' }, 'Models');
+    return h('p.hint', {}, this.model ? 'No version yet: train one under ' : 'No model yet: make one under ', link, '.');
   }
 
   #tell() {

@@ -46,7 +46,7 @@ class ModelsView {
   async load(chosen) {
     try {
       const models = await all(at('models'), 'models');
-      const none = emptyBox('No models yet', 'A model is a set of actions that are learned together. The demo makes one and teaches it; or make one here and save demonstrations for it from a recording.', ['gesta demo --folder demo', 'GESTA_DATABASE_URL=sqlite:///demo/gesta.db GESTA_STORE_URL=demo/models_store gesta serve']);
+      const none = emptyBox('No models yet', 'A model is a set of actions that are learned together. The demo makes one and teaches it; or make one here and save demonstrations for it from a recording.', ['gesta demo', 'GESTA_DATABASE_URL=sqlite:///demo/gesta.db GESTA_STORE_URL=demo/models_store gesta serve', `curl ${location.origin}/v1/models -H 'Content-Type: application/json' -d '{"name": "table-top", "objects": ["object"]}'`]);
       fill(this.list, models.map((model) => h('li', {}, this.#choice(model))));
       fill(this.trouble, models.length === 0 && none);
       const model = models.find(({ name }) => name === chosen) || models[0];
