@@ -175,7 +175,7 @@ class _Connection:
         self._session: Session = attachment.session
         self._layout: Layout = replace(self._session.pinned.layout, encoding=start.encoding)
         self._queue: asyncio.Queue[Frames | Control | Exception] = asyncio.Queue(QUEUE)
-        self._is_working = False
+        self._working = asyncio.Lock()
         self._told = Mark(start.resume.last_event + 1 if start.resume else 0)
 
     async def run(self, token: str) -> None:
@@ -243,30 +243,29 @@ class _Connection:
         """Return whether frames could be taken there and then: nothing waits before them."""
         if len(frames) > (limit := self._live.limits.message_frames):
             raise TooBig(f"{len(frames)} frames are more than {limit} a message")
-        return not self._is_working and self._queue.empty() and self._session.take_at_once(frames)
+        return not self._working.locked() and self._queue.empty() and self._session.take_at_once(frames)
 
     async def _work(self) -> None:
         while True:
             message = await self._queue.get()
-            self._is_working = True
-            if isinstance(message, Exception):
-                raise message
-            if isinstance(message, Frames):
-                await self._session.take(message)
-            elif isinstance(message, Flush):
-                await self._all_told()
-                await self._wire.say("flushed", id=message.id)
-            elif isinstance(message, End):
-                await self._session.end(message.last_seq)
-                await self._all_told()
-                return
-            self._is_working = False
+            async with self._working:
+                if isinstance(message, Exception):
+                    raise message
+                if isinstance(message, Frames):
+                    await self._session.take(message)
+                elif isinstance(message, Flush):
+                    await self._all_told()
+                    await self._wire.say("flushed", id=message.id)
+                elif isinstance(message, End):
+                    await self._session.end(message.last_seq)
+                    await self._all_told()
+                    return
 
     async def _listen(self) -> NoReturn:
         """Wait until the client has said nothing for too long, with nothing left to do. Raises Idle."""
         loop, limit = asyncio.get_running_loop(), self._live.limits.idle
         while True:
-            since, is_busy = self._wire.silent_since, self._is_working or not self._queue.empty()
+            since, is_busy = self._wire.silent_since, self._working.locked() or not self._queue.empty()
             if since is None or is_busy:
                 since = loop.time()
             if loop.time() - since >= limit:
@@ -297,5 +296,6 @@ class _Connection:
     async def _drain(self) -> NoReturn:
         await self._live.draining.wait()
         await self._wire.say("going_away", seconds_left=self._live.limits.drain)
-        await self._all_told()
-        raise Restarting
+        async with self._working:
+            await self._all_told()
+            raise Restarting

@@ -49,8 +49,10 @@ def test_a_server_that_stops_lets_everybody_go_in_order(tmp_path: Path, trained:
         session_id = talk.start()["session_id"]
         idle.start()
         listened: list[str] = []
-        listener = threading.Thread(target=listen, args=(server, session_id, listened))
+        begun = threading.Event()
+        listener = threading.Thread(target=listen, args=(server, session_id, listened, begun))
         listener.start()
+        assert begun.wait(10)
         talk.frames(MOTION, 0, 400)
         talk.hear("segment")
         server.terminate()
@@ -72,9 +74,10 @@ def test_a_server_that_stops_lets_everybody_go_in_order(tmp_path: Path, trained:
             httpx.get(f"{server.url}/livez")
 
 
-def listen(server: Server, session_id: str, lines: list[str]) -> None:
+def listen(server: Server, session_id: str, lines: list[str], begun: threading.Event) -> None:
     """Listen to a session until the server ends the response."""
     with httpx.stream("GET", f"{server.url}/v1/sessions/{session_id}/events") as response:
+        begun.set()
         lines += response.iter_lines()
 
 
