@@ -15,7 +15,7 @@ THREE_NAMES := AmbientLight BufferAttribute BufferGeometry CircleGeometry Color 
 	DoubleSide DynamicDrawUsage Group GridHelper HemisphereLight Mesh MeshBasicMaterial MeshLambertMaterial \
 	PerspectiveCamera Plane PlaneGeometry Raycaster RingGeometry Scene SphereGeometry Vector2 Vector3 WebGLRenderer
 
-.PHONY: help demo test test-browser check clean vendor
+.PHONY: help demo test test-browser pictures check clean vendor
 
 help: ## Say what there is to make
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' Makefile
@@ -31,6 +31,9 @@ test-browser: $(READY) $(KERNELS) ## Drive the page with Chromium, which Debian'
 		sudo=$$(test "$$(id -u)" = 0 || echo sudo); \
 		$$sudo apt-get update -qq && $$sudo apt-get install -y -qq --no-install-recommends chromium fonts-dejavu-core; }
 	$(IN)pytest -m browser tests/browser
+
+pictures: $(READY) $(KERNELS) ## Take the pictures of the guides, with Chromium
+	$(IN)pytest -m browser tests/browser/test_pictures.py --pictures docs/images
 
 check: $(READY) ## Check style, types and architecture
 	$(IN)ruff check

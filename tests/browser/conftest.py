@@ -31,6 +31,11 @@ LOUD = ("error", "warning")
 OpenPage = Callable[..., "Page"]
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let the pictures be kept."""
+    parser.addoption("--pictures", help="folder for the pictures of the guides")
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Deselect the tests that need a browser unless they are asked for."""
     if "browser" in config.option.markexpr:
