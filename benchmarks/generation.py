@@ -81,11 +81,10 @@ that were all taught the same others, and compared with what was made at 101 ins
 the core as it is if nothing else is asked for; *the paper's* is its plain method (Sec. III-D). *DMP* (of the
 mean demonstration; 20 basis functions) and *ProMP* (conditioned on both end points; 15 basis functions) are
 those of `movement_primitives`, in the world as the library has them. The *minimum-jerk line* has learned
-nothing. Then what can be made of them with knowledge of the test: *smooth* scaling brings the DMP closer by a
-tenth to a half; weights by *least squares*, 1 cm of spread added to each, do better than the library's
-expectation maximisation, in the world up to seventeen times; *aligned* they are taught in our frame of start
-and goal, where a movement to somewhere else is like one that was shown. All of this, and the numbers of basis
-functions, was chosen as serves them best on these very movements.
+nothing. Then what can be made of them with knowledge of the test: *smooth* scaling of the DMP; weights of the
+ProMP by *least squares*, 1 cm of spread added to each, instead of the library's expectation maximisation;
+*aligned* they are taught in our frame of start and goal, where a movement to somewhere else is like one that
+was shown. All of this, and the numbers of basis functions, was chosen as serves them best on these movements.
 
 *RMSE*: root mean square distance at the same instants. *DTW*: mean distance of the points that dynamic time
 warping pairs, which forgives timing. *Smoothness*: log dimensionless jerk of Balasubramanian et al. (2015):

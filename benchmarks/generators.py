@@ -19,6 +19,7 @@ from app.motion.asked import Method
 from app.motion.features import alignment
 from app.motion.generation import generate
 from app.motion.model import Model
+from app.motion.shape import progress
 from app.motion.trajectory import Demonstration, Floats
 from benchmarks.likeness import N_PHASES, at_phases
 
@@ -73,8 +74,7 @@ class Core:
 
 def minimum_jerk_line(start: Floats, goal: Floats, _duration: float, n_points: int = N_PHASES) -> Generated:
     """Return the straight minimum-jerk movement, which has learned nothing."""
-    phase = np.linspace(0.0, 1.0, n_points)[:, None]
-    share = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
+    share = progress(np.linspace(0.0, 1.0, n_points))[:, None]
     return Generated(start + share * (goal - start))
 
 

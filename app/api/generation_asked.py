@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field, FiniteFloat
 from pydantic.config import JsonDict
 
 from app.api.schemas import ActionName, Point, Request
-from app.motion.asked import Limits, Step, Via, Workspace
+from app.motion.asked import MAX_STEPS, MAX_VIA, Limits, Step, Via, Workspace
 from app.motion.trajectory import FARTHEST_M
 from app.service.exports import WORLD
 from app.service.generation import Manner
@@ -56,7 +56,7 @@ class StepSent(Request):
         None,
         description="Default: what the demonstrations took for such a length; rounded up to whole periods.",
     )
-    via: list[ViaSent] = Field([], max_length=20)
+    via: list[ViaSent] = Field([], max_length=MAX_VIA)
 
     def step(self, action: str) -> Step:
         """Return it as the core knows it."""
@@ -105,4 +105,4 @@ class TaskSent(MannerSent):
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLE_OF_A_TASK]})
 
-    steps: list[NamedStepSent] = Field(min_length=1, max_length=100)
+    steps: list[NamedStepSent] = Field(min_length=1, max_length=MAX_STEPS)

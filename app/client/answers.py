@@ -208,42 +208,10 @@ class SegmentEvent(Segment):
     event: int
 
 
-class Segments(TypedDict):
-    """The segments of a recording."""
-
-    segments: list[Segment]
-    geometry: Geometry
-
-
 class SegmentEvents(TypedDict):
     """The segments of a session."""
 
     segments: list[SegmentEvent]
-
-
-class Measures(TypedDict):
-    """The measures of a class, or of all."""
-
-    n_true: int
-    n_found: int
-    delineated: float | None
-    classified_of_delineated: float | None
-    f1_50: float | None
-    f1_75: float | None
-    frame_accuracy: float | None
-
-
-class Evaluation(Measures):
-    """The measures on a labelled recording."""
-
-    model: str
-    version: int
-    n_extra: int
-    action_in_rest: float | None
-    median_boundary_error_ms: float | None
-    per_class: dict[str, Measures]
-    confusion: list[list[int]]
-    geometry: Geometry
 
 
 class Session(TypedDict):

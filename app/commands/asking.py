@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from socket import gaierror
-from typing import Annotated
+from typing import Annotated, Any
 
 import httpx
 import typer
 from websockets.exceptions import WebSocketException
 
 from app.client import ApiError, GestaClient, GestaError, Message
-from app.commands.terminal import failure, job_watched
+from app.commands.terminal import failure, job_watched, tell
 from app.formats.errors import FormatError
 
 URL = "http://127.0.0.1:8000"
@@ -58,6 +58,17 @@ def number_of(client: GestaClient, model: str, ref: str | None) -> int:
         if ref is not None or error.code != "version_not_found":
             raise
         return int(client.version(model, "latest")["version"])
+
+
+def create_if_absent(client: GestaClient, model: str, objects: Sequence[str], **fields: Any) -> None:
+    """Create a model where there is none of the name; fields as in ``create_model``."""
+    try:
+        client.model(model)
+    except ApiError as error:
+        if error.code != "model_not_found":
+            raise
+        client.create_model(model, objects, **fields)
+        tell(f"created the model {model} with the objects {', '.join(objects) or 'none'}")
 
 
 def awaited(client: GestaClient, answer: Message, what: str) -> Message:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 from urllib.parse import quote
 
 import httpx
 import typer
 
-from app.client import ApiError, GestaClient
-from app.commands.asking import URL, Model, Url, asking
-from app.commands.terminal import AsJson, failure, show, show_json, tell
+from app.client import GestaClient
+from app.commands.asking import URL, Model, Url, asking, create_if_absent
+from app.commands.terminal import AsJson, failure, show, show_json
 
 
 def export(
@@ -49,7 +49,7 @@ def take_in(
             objects = artifact["features"]["objects"]
         except (ValueError, LookupError, TypeError) as error:
             raise failure(f"{file} is no version of a model: gesta export writes them") from error
-        _create_if_absent(client, model, objects)
+        create_if_absent(client, model, objects)
         told = client.request("POST", f"/models/{quote(model, safe='')}/versions:import", artifact)
         show_json(told) if as_json else show(f"{file} is version {told['version']} of {model}")
 
@@ -60,13 +60,3 @@ def _artifact(client: GestaClient, model: str, number: int) -> bytes:
     answer = httpx.get(f"{client.url}{path}", timeout=60.0)
     answer.raise_for_status()
     return answer.content
-
-
-def _create_if_absent(client: GestaClient, model: str, objects: Any) -> None:
-    try:
-        client.model(model)
-    except ApiError as error:
-        if error.code != "model_not_found":
-            raise
-        client.create_model(model, objects)
-        tell(f"created the model {model}")

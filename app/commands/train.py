@@ -10,7 +10,7 @@ import typer
 from app.client import ApiError, GestaClient
 from app.client.answers import Version
 from app.commands.archive import recordings
-from app.commands.asking import URL, Model, Url, asking
+from app.commands.asking import URL, Model, Url, asking, create_if_absent
 from app.commands.recordings import ActionNames, LabelsFile, MappingFile, Reading, Recorded, Unit, Up
 from app.commands.terminal import AsJson, job_watched, show, show_json, show_table, tell
 
@@ -41,7 +41,8 @@ def train(
         reading = Reading(unit, up, mapping, labels, action)
         for path in recordings(files, mapping, labels) if files else []:
             recorded = reading.read_one(path, labelled=True)
-            _create_if_absent(client, model, recorded, table_height)
+            objects = list(recorded.trajectory.get("objects", {}))
+            create_if_absent(client, model, objects, table_height_m=table_height)
             _upload(client, model, path, recorded)
         with job_watched("Training") as watch:
             number = client.result(client.train(model)["id"], watch)["version"]
@@ -50,17 +51,6 @@ def train(
             client.promote(model, "production", number)
             version = client.version(model, number)
     show_json(version) if as_json else _show(version)
-
-
-def _create_if_absent(client: GestaClient, model: str, recorded: Recorded, table_height: float) -> None:
-    try:
-        client.model(model)
-    except ApiError as error:
-        if error.code != "model_not_found":
-            raise
-        objects = list(recorded.trajectory.get("objects", {}))
-        client.create_model(model, objects, table_height_m=table_height)
-        tell(f"created the model {model} with the objects {', '.join(objects) or 'none'}")
 
 
 def _upload(client: GestaClient, model: str, path: Path, recorded: Recorded) -> None:

@@ -50,13 +50,13 @@ class Declared:
 
 @dataclass(frozen=True)
 class Geometry:
-    """What the numbers of a file mean."""
+    """What numbers mean, and their way to metres, right-handed, Z up (REP-103)."""
 
-    length_unit: LengthUnit
-    up_axis: UpAxis
+    length_unit: LengthUnit = "m"
+    up_axis: UpAxis = "z"
 
     def to_metres(self, positions: Floats) -> Floats:
-        """Return positions (…, 3) in metres, Z up; y-up (x, y, z) becomes (x, -z, y)."""
+        """Return positions (…, 3) in metres, Z up; y-up (x, y, z) becomes (x, -z, y). Dropouts stay NaN."""
         metres = positions / UNITS_PER_METRE[self.length_unit]
         if self.up_axis == "y":
             metres = np.stack([metres[..., 0], 0.0 - metres[..., 2], metres[..., 1]], axis=-1)

@@ -14,6 +14,10 @@ from app.motion.errors import InvalidRequest
 
 Method = Literal["default", "paper"]
 
+MAX_VIA = 20
+MAX_STEPS = 100
+"""Points of a movement, and steps of a task, at most."""
+
 
 @dataclass(frozen=True, eq=False)
 class Via:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.motion.asked import ANY, Limits, Method, Step, Via
+from app.motion.asked import ANY, MAX_STEPS, MAX_VIA, Limits, Method, Step, Via
 from app.motion.course import Course
 from app.motion.errors import InvalidRequest
 from app.motion.feasibility import Notice, Violation, passes, remoteness, rests
@@ -30,10 +30,6 @@ from app.motion.timing import (
     least_duration,
 )
 from app.motion.trajectory import FARTHEST_M, Floats
-
-MAX_VIA = 20
-MAX_STEPS = 100
-"""What may be asked for of a movement, and of a task."""
 
 OF_A_STEP = ("goal", "duration", "via")
 """Arguments that each step has for itself."""

@@ -153,7 +153,8 @@ def _tasks(ways: Floats, tempos: Floats, hangs_on: Sequence[str]) -> Floats:
 class _Regression:
     """Gaussian process regression of shapes on tasks, one for each aligned axis.
 
-    tasks: (n, n_columns); inverses: (3, n, n) of the kernel matrices; weights: (3, n, N_COEFFICIENTS).
+    strength: of STRENGTHS; tasks: (n, n_columns); inverses: (3, n, n) of the kernel matrices; weights:
+    (3, n, N_COEFFICIENTS).
     """
 
     strength: float

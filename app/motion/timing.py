@@ -24,7 +24,7 @@ _MARGIN = 1.001
 
 
 class Path(Protocol):
-    """What has derivatives by phase."""
+    """What has a highest speed and acceleration by phase."""
 
     def highest(self, order: int) -> float:
         """Return the highest norm of the derivative of an order, 1 or 2, by phase [m]."""

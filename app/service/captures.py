@@ -119,17 +119,17 @@ def _read(sent: SentFile) -> Capture:
 def _named(labels: Sequence[Label], actions: str) -> Sequence[Label]:
     """Return the labels that have an action class, by its name. Raises ContentRefused."""
     try:
-        named = json.loads(actions)
-    except (ValueError, RecursionError) as error:
-        raise ContentRefused([Issue("/actions", "invalid_actions", f"is not JSON: {error}")]) from error
+        named = _parsed(actions)
+    except InvalidMapping as error:
+        raise ContentRefused([Issue("/actions", "invalid_actions", str(error))]) from error
     if not isinstance(named, dict) or not all(isinstance(name, str) for name in named.values()):
         raise ContentRefused([Issue("/actions", "invalid_actions", "needs the form {LABEL: ACTION}")])
     return renamed(labels, named)
 
 
-def _parsed(mapping: str) -> Any:
+def _parsed(text: str) -> Any:
     try:
-        return json.loads(mapping)
+        return json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InvalidMapping("", f"is not JSON: {error}") from error
 

@@ -19,7 +19,7 @@ WORLD = "world"
 MAX_BAG = 20_000
 """Frames that are put into a bag: more would hold the server up for seconds."""
 
-__all__ = ["Pose", "csv"]
+__all__ = ["WORLD", "Pose", "csv"]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.motion.trajectory import FARTHEST_M, Floats, is_sound
-from app.service.geometry import Geometry, to_metres
+from app.service.geometry import Geometry
 from app.service.session_errors import Code, FramesRefused, MessageMalformed
 
 Encoding = Literal["json", "f32", "f64"]
@@ -134,7 +134,7 @@ def settle(layout: Layout, frames: Frames, skip: int, last_time: float) -> Float
     if layout.rate_hz is not None:
         with np.errstate(over="ignore"):
             times = np.arange(first_seq, frames.first_seq + len(frames)) / layout.rate_hz
-    positions = to_metres(frames.positions[skip:].reshape(-1, 3), layout.geometry).reshape(len(times), -1, 3)
+    positions = layout.geometry.to_metres(frames.positions[skip:])
     rows = np.empty((len(times), 1 + 3 * len(layout.tracks)))
     rows[:, 0], rows[:, 1:] = times, positions.reshape(len(times), -1)
     if not is_sound(rows, last_time) or max(abs(times[0]), abs(times[-1])) > FARTHEST_S:

@@ -14,7 +14,7 @@ from app.motion.recogniser import Recogniser
 from app.motion.trajectory import FARTHEST_M, Scene
 from app.registry.records import SessionRecord
 from app.service.frames import Encoding, Layout
-from app.service.geometry import Geometry, Goals, to_metres
+from app.service.geometry import Geometry, Goals
 from app.service.session import Pinned
 from app.service.session_errors import StartRefused
 
@@ -53,7 +53,7 @@ class Wish:
             detail = "goals need names of their own, other than those of the objects, which are goals as well"
             raise StartRefused("goals_invalid", detail)
         for name, place in self.goals.items():
-            [metres] = to_metres(np.array([place]), self.geometry)
+            [metres] = self.geometry.to_metres(np.array([place]))
             if (np.abs(metres) > FARTHEST_M).any():
                 detail = f"goal {name!r} lies over {FARTHEST_M:g} m away: a wrong length unit?"
                 raise StartRefused("wrong_unit", detail)

@@ -20,7 +20,7 @@ from app.registry import demonstrations, models
 from app.registry.artifacts import dump_demonstration, dump_recording
 from app.registry.records import Added, ModelRecord
 from app.service.errors import ContentRefused, Issue
-from app.service.geometry import Geometry, to_metres
+from app.service.geometry import Geometry
 from app.service.lab import Lab
 
 Position = Sequence[float]
@@ -58,7 +58,7 @@ def read_trajectory(sent: SentTrajectory, geometry: Geometry, pointer: str = "")
             detail = f"has {len(track)} frames, hand has {n_frames}"
             raise ContentRefused([Issue(_place(pointer, name, None), "wrong_length", detail)])
     times = np.asarray(sent.t, float) if sent.rate_hz is None else np.arange(n_frames) / sent.rate_hz
-    moved = {name: to_metres(_positions(track), geometry) for name, track in tracks.items()}
+    moved = {name: geometry.to_metres(_positions(track)) for name, track in tracks.items()}
     objects = {name: moved[f"objects.{name}"] for name in sent.objects}
     try:
         return Trajectory(times, moved["hand"], objects)

@@ -21,7 +21,6 @@ from app.formats.capture import (
     unit_of,
 )
 from app.formats.errors import UndeclaredGeometry, Unreadable
-from app.service import geometry as service
 
 
 def capture(**changed: Any) -> Capture:
@@ -65,9 +64,10 @@ def test_what_it_refuses(changed: dict[str, Any], message: str) -> None:
     up=st.sampled_from(["z", "y"]),
     position=st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3),
 )
-def test_metres_are_those_of_uploads(unit: LengthUnit, up: UpAxis, position: list[float]) -> None:
+def test_metres_are_right_handed_and_z_is_up(unit: LengthUnit, up: UpAxis, position: list[float]) -> None:
     positions = np.array([position, [np.nan] * 3])
-    expected = service.to_metres(positions, service.Geometry(unit, up))
+    x, y, z = np.array(position) / {"m": 1.0, "cm": 100.0, "mm": 1000.0}[unit]
+    expected = [[x, y, z] if up == "z" else [x, -z, y], [np.nan] * 3]
     np.testing.assert_array_equal(Geometry(unit, up).to_metres(positions), expected)
     turned = np.linalg.det(Geometry(unit, up).to_metres(np.eye(3)))
     assert turned > 0.0, "right-handed stays right-handed"

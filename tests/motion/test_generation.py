@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson
 
 from app.formats.ros import multi_dof_joint_trajectory
-from app.motion.asked import Limits, Step, Via
+from app.motion.asked import MAX_STEPS, MAX_VIA, Limits, Step, Via
 from app.motion.errors import InvalidRequest, UnknownAction
 from app.motion.features import BLEND, alignment, line
-from app.motion.generation import MAX_STEPS, MAX_VIA, GeneratedMotion, generate, generate_task, join
+from app.motion.generation import GeneratedMotion, generate, generate_task, join
 from app.motion.model import FeatureSpecification, Model
 from app.motion.simulation import STYLES, demonstrations
 from app.motion.training import TrainingOptions, conditioned, fit_model, observe

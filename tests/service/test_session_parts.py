@@ -22,7 +22,7 @@ from app.registry.records import Checkpoint, StoredEvent
 from app.service import messages
 from app.service.checkpoints import Snapshot, state_of
 from app.service.frames import Layout, from_binary, from_columns, settle
-from app.service.geometry import UNITS_PER_METRE, Geometry, LengthUnit, UpAxis, to_metres
+from app.service.geometry import UNITS_PER_METRE, Geometry, LengthUnit, UpAxis
 from app.service.journal import Entry, Journal
 from app.service.mark import Mark
 from app.service.session_errors import FramesRefused, SessionError, SessionGone, WriteFailed
@@ -88,17 +88,17 @@ class TestFrames:
 class TestGeometry:
     @given(arrays(float, (4, 3), elements=coordinates), st.sampled_from(sorted(UNITS_PER_METRE)))
     def test_a_turn_keeps_lengths_and_hands(self, track: np.ndarray[Any, Any], unit: LengthUnit) -> None:
-        turned = {axis: to_metres(track, Geometry(unit, axis)) for axis in axes()}
+        turned = {axis: Geometry(unit, axis).to_metres(track) for axis in axes()}
         lengths = [np.linalg.norm(each, axis=1) * UNITS_PER_METRE[unit] for each in turned.values()]
         np.testing.assert_allclose(lengths[0], np.linalg.norm(track, axis=1))
         np.testing.assert_allclose(lengths[0], lengths[1])
 
     def test_up_is_up(self) -> None:
         x, y, z = np.eye(3)
-        turned = to_metres(np.stack([x, y, z]), Geometry("m", "y"))
+        turned = Geometry("m", "y").to_metres(np.stack([x, y, z]))
         np.testing.assert_array_equal(turned, [x, z, -y])
         np.testing.assert_array_equal(np.cross(turned[0], turned[1]), turned[2])
-        assert not np.signbit(to_metres(np.zeros((1, 3)), Geometry("m", "y"))).any()
+        assert not np.signbit(Geometry("m", "y").to_metres(np.zeros((1, 3)))).any()
 
 
 def axes() -> tuple[UpAxis, UpAxis]:
