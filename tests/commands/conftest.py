@@ -103,6 +103,16 @@ class Started:
 Start = Callable[..., Started]
 
 
+def until_taken(url: str, process: Started, n_frames: int) -> None:
+    """Wait until the server has so many frames of the session that a command streams."""
+    session_id = process.told(r"session (\w+)")
+    with GestaClient(url) as client:
+        deadline = time.monotonic() + RUN_S
+        while client.session(session_id)["frames"] < n_frames:
+            assert time.monotonic() < deadline, client.session(session_id)
+            time.sleep(0.02)
+
+
 def gesta(*words: object, url: str = "http://127.0.0.1:9") -> Result:
     """Run a command here, with the server's address in the environment."""
     outcome = CliRunner(env={"GESTA_URL": url, "COLUMNS": "200"}).invoke(cli, [str(word) for word in words])

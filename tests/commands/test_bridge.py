@@ -15,8 +15,8 @@ from app.motion.model import Model
 from app.motion.simulation import recording
 from app.motion.trajectory import Trajectory
 from tests.client.cutting import Wire
-from tests.commands.conftest import MOTION, Run, Start, as_lines
-from tests.serving import ROOT
+from tests.commands.conftest import MOTION, Run, Start, as_lines, until_taken
+from tests.serving import ROOT, Server
 from tests.talking import expected
 
 JSONL = ("bridge", "jsonl", "--model", "table-top", "--json")
@@ -78,11 +78,11 @@ class TestInput:
         further, _ = process.finished()
         assert [*told, *further][:-1] == expected(trained, motion)
 
-    def test_ctrl_c_awaits_the_last_segments(self, start: Start, trained: Model) -> None:
+    def test_ctrl_c_awaits_the_last_segments(self, start: Start, trained: Model, server: Server) -> None:
         process = start(*JSONL)
         process.write(as_lines(MOTION, 0, 300))
         told = [process.first()]
-        time.sleep(0.5)
+        until_taken(server.url, process, 300)
         process.interrupt()
         further, _ = process.finished(open_input=True)
         assert [*told, *further][:-1] == expected(trained, MOTION.part(0, 300))
@@ -100,19 +100,21 @@ class TestInput:
 
 
 class TestDatagrams:
-    def test_they_give_what_the_recogniser_gives(self, start: Start, trained: Model) -> None:
+    def test_they_give_what_the_recogniser_gives(self, start: Start, trained: Model, server: Server) -> None:
         process = start(*JSONL, "--udp", "127.0.0.1:0")
         port = int(process.told(r"awaited at 127\.0\.0\.1:(\d+)"))
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             for first in range(0, len(MOTION), 3):
                 sender.sendto(as_lines(MOTION, first, first + 3).encode(), ("127.0.0.1", port))
                 time.sleep(0.002)
-        time.sleep(0.1)
+        until_taken(server.url, process, len(MOTION))
         process.interrupt()
         told, _ = process.finished()
         assert told[:-1] == expected(trained, MOTION)
 
-    def test_they_wait_while_the_server_is_away(self, start: Start, trained: Model, wire: Wire) -> None:
+    def test_they_wait_while_the_server_is_away(
+        self, start: Start, trained: Model, server: Server, wire: Wire
+    ) -> None:
         process = start(*JSONL, "--udp", "127.0.0.1:0", url=wire.url)
         port = int(process.told(r"awaited at 127\.0\.0\.1:(\d+)"))
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -126,7 +128,7 @@ class TestDatagrams:
             told = [process.first()]
             with wire.broken():
                 send(200, len(MOTION))
-        time.sleep(0.1)
+        until_taken(server.url, process, len(MOTION))
         process.interrupt()
         further, _ = process.finished()
         assert [*told, *further][:-1] == expected(trained, MOTION)
